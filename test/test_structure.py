@@ -37,6 +37,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "engine.sensors": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors.*"},
     "engine.sensors.beams": {"core", "engine", "engine.imu", "engine.parameters"},
     "engine.sensors.magnetic": {"core", "engine", "engine.imu", "engine.parameters"},
+    "engine.sensors.gyroscope": {"core", "engine", "engine.parameters", "engine.sensors"},
     "engine.sensors.gnss": {"core", "engine", "engine.events", "engine.parameters", "engine.sensors"},
     "engine.sensors.routine": {"core", "engine", "engine.parameters", "engine.sensors", "engine.sensors.gnss"},
     "engine.attitude": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors.*"},

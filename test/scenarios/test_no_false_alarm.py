@@ -30,6 +30,7 @@ FLIGHTS = [
 ]
 ALARMS = (
     "imu.implausible",
+    "imu.gyroscope",
     "gnss.pulled",
     "gnss.other_motion",
     "gnss.two_places",

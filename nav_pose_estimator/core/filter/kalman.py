@@ -113,7 +113,7 @@ def _whitened_square(P, z, H, R, HP, L):
                 total += H[i, k] * HP[j, k]
             L[i, j] = total
             L[j, i] = 0.0 if i != j else total
-    if not _factorise(L):
+    if not factorise(L):
         return math.inf
     nis = 0.0
     whitened = np.empty(m)
@@ -127,7 +127,7 @@ def _whitened_square(P, z, H, R, HP, L):
 
 
 @kernel
-def _factorise(S):
+def factorise(S):
     """Replace the lower triangle of ``S`` by its Cholesky factor; False unless S is positive definite."""
     for i in range(S.shape[0]):
         for j in range(i + 1):

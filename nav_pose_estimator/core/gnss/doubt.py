@@ -100,6 +100,10 @@ class Doubt:
         """Mean NIS per row of the last velocities; without any, that of the last position where it is large."""
         return self._velocity_nis() if self._velocities else max(self._off**2 / 2.0, 1.0)
 
+    def largest_nis(self, since: float) -> float:
+        """Largest NIS per row of the velocities after ``since`` [s]; infinite without any."""
+        return max([one[2] for one in self._velocities if one[0] > since], default=math.inf)
+
     def is_hopeless(self, t: float) -> bool:
         """Whether velocities and positions have contradicted the filter for so long that it has to restart."""
         return t - self._both_since > HOPELESS

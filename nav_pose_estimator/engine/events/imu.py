@@ -89,6 +89,18 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry("imu.implausible.ended", "the IMU is plausible again: the navigator aligns"),
         Entry(
+            "imu.gyroscope.doubted",
+            "the gyroscope's rates do not fit GNSS: attitude and heading are uncertain, and its scale is learned",
+            "check range and unit of the gyroscope, signs and axes of both sensors; if they are right: gnss.delay",
+        ),
+        Entry(
+            "imu.gyroscope.scale",
+            "the gyroscope fits GNSS with another scale, which the navigator uses from now on",
+            "set the range that the driver converts with; the log line has the factor of each axis",
+        ),
+        Entry("imu.gyroscope.fits", "the gyroscope's scale is right after all: the doubt has ended"),
+        Entry("gyro_matrix.released", "the gyroscope is in doubt: its scale factors are uncertain by 0.5 from then on"),
+        Entry(
             "imu.vibration.risen",
             "without GNSS the IMU vibrates at least twice as much as ever before: sigma grows with it",
             "look for a damaged propeller or a loose mount",

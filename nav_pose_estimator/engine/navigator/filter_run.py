@@ -38,6 +38,8 @@ from nav_pose_estimator.engine.sensors.barometer import Barometer
 from nav_pose_estimator.engine.sensors.body_velocity import BodyVelocitySensor
 from nav_pose_estimator.engine.sensors.fusion import Fusion
 from nav_pose_estimator.engine.sensors.gnss.receiver import Gnss
+from nav_pose_estimator.engine.sensors.gyroscope.prior import GyroMatrix
+from nav_pose_estimator.engine.sensors.gyroscope.watch import GyroWatch
 from nav_pose_estimator.engine.sensors.imu_doubt import ImuDoubt
 from nav_pose_estimator.engine.sensors.magnetic import declination
 from nav_pose_estimator.engine.sensors.magnetometer import Magnetometer
@@ -81,7 +83,8 @@ class FilterRun:
         self.aids = {aid.sample: aid(parameters, self.aiding, journal) for aid in AIDS}
         self.rest = Rest(parameters, self.aiding, journal)
         self.imu_doubt = ImuDoubt(parameters, self.aiding, journal)
-        sensors = [*self.gnss.sensors, *self.aids.values(), self.rest, self.imu_doubt]
+        self.gyro_matrix = GyroMatrix(parameters, self.aiding, journal)
+        sensors = [*self.gnss.sensors, *self.aids.values(), self.rest, self.imu_doubt, self.gyro_matrix]
         self._fusion = Fusion(sensors, filter_setup.gates(parameters))
         self.noise = noise or NoiseIdentification()
         self.gnss.reception.shown = self.noise
@@ -96,6 +99,7 @@ class FilterRun:
         self.modes = ModeKeeper(parameters.navigator)
         self.stillness = Stillness()
         self.imu_physics = ImuPhysics()
+        self.gyro_watch = GyroWatch()
         self.imu_failure = ""  # why the IMU is implausible, where that has made the filter wrong
         self.second_due = -math.inf  # s: time at which the last second is evaluated next
         self.past = Past()

@@ -118,6 +118,7 @@ def turn(run: FilterRun, monitor: HeadingMonitor, stamp_ns: int) -> None:
     bare = Alignment(whole.time, nav, base, "turned")
     run.timeline.restart(constants, *filter_setup.complete_start(bare, constants, run.parameters))
     run.gnss.position.resets += 1
+    run.gyro_watch.filter_restarts()
     run.past.forget()
     for aid in run.aids.values():
         aid.compare_anew()
@@ -155,3 +156,4 @@ def _start_from(run: FilterRun, constants: np.ndarray, start: tuple[np.ndarray, 
     run.timeline.restart(constants, *start)
     run.timeline.shift = run.timeline.shift + step_enu(before, run.timeline.filter.nav[at.LAT : at.VEL])
     run.gnss.position.resets += 1
+    run.gyro_watch.filter_restarts()

@@ -9,6 +9,7 @@ import numpy as np
 from nav_pose_estimator.core.alignment.rest import Stillness
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter import noise_identification
+from nav_pose_estimator.core.filter.blocks import GYRO_MATRIX
 from nav_pose_estimator.core.numerics.imu_checks import first_after
 from nav_pose_estimator.engine.imu import physics
 from nav_pose_estimator.engine.imu.doubt import Doubt
@@ -22,6 +23,7 @@ _GROUNDED = 1.0  # m/s
 _OFF_FOR = 4.0  # s over which the median innovation of positions is taken
 _OFF_SDS, _OFF = 2.4, 3.6
 """Deviations of a fix, and metres, by which that median must exceed chance; recorded flights: 3.1 m, 4.5 m in loops."""
+_LATELY = 2.0  # s: velocities of this time judge how much a second shows of the gyroscope
 _ROWS = 1.5 * noise_identification.PERIOD  # s: the last second began with the row before it
 
 
@@ -50,10 +52,28 @@ def _look_at_motion(run: FilterRun) -> None:
     if is_aided:
         _doubt_the_position(run, t)
     _doubt_the_body_velocity(run, t, is_aided)
+    _watch_the_gyroscope(run, t, is_aided)
     if run.parameters.imu.learn_noise:
         _identify_noise(run, rows, is_aided, rests)
     if mean_rate is not None and run.parameters.aids.zero_velocity:
         run.observe(run.rest.observe(mean_rate, whole.view, run.clock.stamp(t)))
+
+
+def _watch_the_gyroscope(run: FilterRun, t: float, is_aided: bool) -> None:
+    """Check the gyroscope's scale with the filter's own estimate of it, and release its prior where it is wrong."""
+    whole, watch = run.timeline.filter, run.gyro_watch
+    if whole.branches is not None or not GYRO_MATRIX.is_in(whole.constants):
+        return
+    motion = run.imu_physics.motion
+    # velocities that are late or in wrong axes, and heavy vibration, are no evidence against the gyroscope
+    misled = motion.latency.delay or motion.shakes or run.gnss.reception.velocities.doubted
+    if misled or not is_aided:
+        watch.evidence.skip()
+        return
+    own, stamp_ns = GYRO_MATRIX.states(whole.constants), run.clock.stamp(t)
+    nis = run.gnss.velocity.doubt.largest_nis(t - _LATELY)
+    if watch.second(whole.nav[GYRO_MATRIX.estimates], whole.P[own, own], nis, run.journal, stamp_ns):
+        run.observe(run.gyro_matrix.observe(watch.evidence, t, stamp_ns))
 
 
 def _watch_for_a_pull(run: FilterRun, rows: np.ndarray, is_aided: bool) -> None:

@@ -1,0 +1,161 @@
+"""Evidence for a wrong scale of the gyroscope, from the filter's estimate of scale factors and misalignments.
+
+The filter estimates the matrix M (``blocks.GYRO_MATRIX``) with a narrow prior of variance v about a centre c. Its
+posterior N(m, P) still holds all that the observations have said about M, as the information J = P^-1 - I/v and
+h = P^-1 (m - c). The same information can be weighed against a prior with wide scale factors. The Bayes factor of the
+two priors is the evidence for a gyroscope of another range, sign or axis. It needs no second filter:
+
+    narrow posterior   C = (J + I/v)^-1,  d = C h
+    added scales       M = c + n + B a,  n ~ N(0, v I),  a ~ N(0, w I)
+    information on a   K = B' (v I - C) B / v^2,  g = B' d / v
+    log Bayes factor   -1/2 log det(I + w K) + 1/2 g' (K + I/w)^-1 g
+
+B has one column for a scale common to all axes, or three for each axis. What a second adds to J and h is divided by its
+variance of unit weight where that exceeds one, as noise of that variance would do. A shock, a tumble or a late velocity
+gives large innovations for a moment, and little evidence.
+
+Source of the test: R. Kass and A. Raftery, "Bayes factors", J. Am. Stat. Assoc. 90(430), 1995; the formulas follow by
+completing the square.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nav_pose_estimator.core.filter.kalman import factorise
+from nav_pose_estimator.core.numerics.jit import kernel
+
+Array = NDArray[np.float64]
+
+SIZE = 9  # elements of M, row-major
+_SCALES = (0, 4, 8)  # those on the diagonal
+_WIDE = (0.3**2, 1.0)  # variances of scale factors: of a gyroscope of another range, of another sign or axis
+_GREW = 1.01  # growth of a variance within a second beyond the driving noise
+
+
+class GyroEvidence:
+    """Collects the evidence second by second.
+
+    ``centre`` (9,) and ``variance`` are those of the narrow prior.
+    """
+
+    def __init__(self) -> None:
+        self.centre, self.variance = np.zeros(SIZE), 0.0
+        self.odds = 0.0
+        """Log Bayes factor of wrong scale factors against right ones."""
+        self._before, self._variances = np.zeros((SIZE + 1, SIZE)), np.zeros(SIZE)
+        self._total = np.zeros((SIZE + 1, SIZE))  # J, and h in the last row
+        self._skips = False
+
+    def add(self, m: Array, P: Array, nis: float) -> None:
+        """Add a second, at whose end the filter has the estimate ``m`` (9,) with covariance ``P`` (9, 9).
+
+        ``nis``: largest normalised innovation squared per row of the last GNSS velocities.
+        """
+        variances = P.diagonal().copy()
+        if self.variance == 0.0:
+            self.centre, self.variance = m.copy(), float(variances.max())
+            self._skips = True
+        # only a new prior or an enlarged covariance makes a variance grow, and neither is an observation
+        skips = self._skips or bool((variances > _GREW * self._variances).any())
+        weight = 0.0 if skips else 1.0 / max(nis, 1.0)
+        self._variances, self._skips = variances, False
+        if _add_information(P, m - self.centre, weight, self._before, self._total):
+            self.odds = _log_bayes_factor(self._total, self.variance)
+
+    def begin_again(self) -> None:
+        """Forget all evidence: the filter has started again with a narrow prior."""
+        self.variance = self.odds = 0.0
+        self._total[:] = 0.0
+
+    def skip(self) -> None:
+        """Leave the next second out, in which the covariance changes by more than observations."""
+        self._skips = True
+
+
+@kernel
+def _add_information(P, away, weight, before, total):
+    """Add ``weight`` times the new information to ``total`` (10, 9): P^-1 and P^-1 ``away`` less ``before`` (10, 9)."""
+    size = len(P)
+    now = np.zeros((size + 1, size))
+    if not _inverse(P, now):
+        return False
+    for i in range(size):
+        for j in range(size):
+            now[size, i] += now[i, j] * away[j]
+    for i in range(size + 1):
+        for j in range(size):
+            total[i, j] += weight * (now[i, j] - before[i, j])
+            before[i, j] = now[i, j]
+    return True
+
+
+@kernel
+def _log_bayes_factor(total, variance):
+    """Largest log Bayes factor of a common scale and of three scales, over ``_WIDE``; minus infinity where invalid."""
+    size = total.shape[1]
+    precision, C = np.empty((size, size)), np.zeros((size, size))
+    for i in range(size):
+        for j in range(size):
+            precision[i, j] = 0.5 * (total[i, j] + total[j, i])
+        precision[i, i] += 1.0 / variance
+    if not _inverse(precision, C):
+        return -math.inf
+    K, g = np.empty((3, 3)), np.zeros(3)
+    common, slope = 0.0, 0.0
+    for a in range(3):
+        for j in range(size):
+            g[a] += C[_SCALES[a], j] * total[size, j] / variance
+        for b in range(3):
+            K[a, b] = ((variance if a == b else 0.0) - C[_SCALES[a], _SCALES[b]]) / variance**2
+            common += K[a, b]
+        slope += g[a]
+    common, best = max(common, 0.0), -math.inf
+    for wide in _WIDE:
+        one = -0.5 * math.log(1.0 + wide * common) + 0.5 * slope**2 / (common + 1.0 / wide)
+        best = max(best, one, _of_three_scales(K, g, wide))
+    return best
+
+
+@kernel
+def _of_three_scales(K, g, wide):
+    """Log Bayes factor of three scales of variance ``wide``; minus infinity where invalid.
+
+    ``K`` (3, 3) and ``g`` (3,) are the information on them.
+    """
+    L, whitened = K.copy(), np.empty(3)
+    odds = -1.5 * math.log(wide)
+    for i in range(3):
+        L[i, i] += 1.0 / wide
+    if not factorise(L):
+        return -math.inf
+    for i in range(3):
+        left = g[i]
+        for k in range(i):
+            left -= L[i, k] * whitened[k]
+        whitened[i] = left / L[i, i]
+        odds += 0.5 * whitened[i] ** 2 - math.log(L[i, i])
+    return odds
+
+
+@kernel
+def _inverse(S, out):
+    """Write the inverse of the positive definite ``S`` (n, n) to the first n rows of ``out``; False where it is not."""
+    size = len(S)
+    L = S.copy()
+    if not factorise(L):
+        return False
+    column = np.empty(size)
+    for j in range(size):
+        for i in range(size):
+            left = 1.0 if i == j else 0.0
+            for k in range(i):
+                left -= L[i, k] * column[k]
+            column[i] = left / L[i, i]
+        for i in range(size - 1, -1, -1):
+            left = column[i]
+            for k in range(i + 1, size):
+                left -= L[k, i] * out[k, j]
+            out[i, j] = left / L[i, i]
+    return True
