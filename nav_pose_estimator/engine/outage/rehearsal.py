@@ -53,8 +53,7 @@ def packed(epochs: Sequence[Epoch]) -> Packed:
     """``epochs`` for ``pickle``, which takes long for many arrays and dataclasses."""
     blocks = [epoch.imu for epoch in epochs if epoch.imu is not None]
     rest = [
-        (0 if imu is None else len(imu), [_bare(one) for one in others], velocity)
-        for imu, others, velocity in epochs
+        (0 if imu is None else len(imu), [_bare(one) for one in others], velocity) for imu, others, velocity in epochs
     ]
     return joined(blocks) if blocks else None, rest
 
