@@ -148,7 +148,14 @@ def _said(evidence: MotionEvidence, fades: bool) -> np.ndarray:
     head = (evidence.interval, evidence.dwell, evidence.correlation, evidence.unmodelled_var, decay)
     air = evidence.air_velocity or _UNKNOWN
     return np.array(
-        [*head, *evidence.wind_mean, *evidence.attitude.ravel(), *evidence.velocity, *evidence.body_velocity, *air]
+        [
+            *head,
+            *evidence.wind_mean,
+            *evidence.attitude.ravel().tolist(),
+            *evidence.velocity,
+            *evidence.body_velocity,
+            *air,
+        ]
     )
 
 
