@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from functools import cache
 from operator import attrgetter
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
@@ -45,6 +44,10 @@ class Epoch(NamedTuple):
         return cls(joined(imu) if imu else None, others, velocity)
 
 
+_VALUES: dict[type, Callable[[Any], tuple]] = {
+    kind: attrgetter(*(one.name for one in fields(kind))) for kind in get_args(Sample)
+}
+"""Kind of samples -> the values of its fields, of which each kind has several."""
 Packed = tuple[ImuBlock | None, list[tuple[int, list[tuple], tuple[float, float] | None]]]
 """Epochs as few objects: the IMU's samples of all, and of each their number, the values of the others, the velocity."""
 
@@ -69,14 +72,8 @@ def unpacked(packed: Packed) -> list[Epoch]:
     return epochs
 
 
-def _bare(sample: Any) -> tuple:
-    return type(sample), *_values(type(sample))(sample)
-
-
-@cache
-def _values(kind: type) -> Callable[[Any], tuple]:
-    """The values of the fields of an instance of the dataclass ``kind``; all samples have several."""
-    return attrgetter(*(field.name for field in fields(kind)))
+def _bare(sample: Sample) -> tuple:
+    return type(sample), *_VALUES[type(sample)](sample)
 
 
 class Outcome(NamedTuple):
