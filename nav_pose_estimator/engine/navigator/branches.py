@@ -132,14 +132,21 @@ class Branches:
         chosen = begun if all(map(is_, lasting, evidence.hypotheses)) else _table(lasting)
         lost_at = self._lost_at if math.isinf(self._left) else np.full(3, math.nan)
         said = _said(evidence, fades=not self._wind_is_measured)
-        weights = hypotheses.decide(self.memories, self.weights, lost_at, said, chosen)
-        if not weights.any():
+        likely = hypotheses.decide(self.memories, self.weights, lost_at, said, chosen).tolist()
+        if not any(likely):
             return
-        weights = np.maximum(weights / weights.sum(), _LEAST_WEIGHT)
-        self.weights = weights / weights.sum()
+        self.weights = np.array(_shares([max(share, _LEAST_WEIGHT) for share in _shares(likely)]))
         while self._decisions and self._decisions[0][0] < now - _REMEMBERED:
             self._decisions.popleft()
         self._decisions.append((now, self.weights))
+
+
+def _shares(values: list[float]) -> list[float]:
+    """``values`` over their sum, in which numpy's calls for so few numbers would take most of the time."""
+    total = 0.0
+    for value in values:  # Python's ``sum`` rounds otherwise than numpy's
+        total += value
+    return [value / total for value in values]
 
 
 def _said(evidence: MotionEvidence, fades: bool) -> np.ndarray:
