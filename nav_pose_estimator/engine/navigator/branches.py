@@ -73,6 +73,10 @@ class Branches:
         constants = memories[0, memory.CONSTANTS : memory.ORIGIN]  # the same for all branches
         self.views = [FilterView(_nav(one), _covariance(one), constants) for one in self.vectors]
 
+    def __getstate__(self) -> dict[str, Any]:
+        """The state for a copy, without views."""
+        return {name: value for name, value in self.__dict__.items() if name not in ("vectors", "views")}
+
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore a copy; its views refer to its own memories."""
         self.__dict__ = state
@@ -119,8 +123,8 @@ class Branches:
         now = float(self.memories[0, memory.NAV + at.TIME])
         # From where the vehicle has left the area on, the prior on the place is dropped: on a straight flight, the
         # growing drift would otherwise soon make it consistent again and pull the vehicle back.
-        begun = _table(evidence.hypotheses)
-        if self._left > now and hypotheses.has_left(self.memories, self._lost_at, begun):
+        first = _table(evidence.hypotheses)
+        if self._left > now and hypotheses.has_left(self.memories, self._lost_at, first):
             self._left = now
         self._ended = [
             ended if likely > 0.5 else min(ended, now) for ended, likely in zip(self._ended, self.weights, strict=True)
@@ -129,7 +133,7 @@ class Branches:
             one.lasting if one.lasting is not None and math.isinf(ended) else one
             for one, ended in zip(evidence.hypotheses, self._ended, strict=True)
         ]
-        chosen = begun if all(map(is_, lasting, evidence.hypotheses)) else _table(lasting)
+        chosen = first if all(map(is_, lasting, evidence.hypotheses)) else _table(lasting)
         lost_at = self._lost_at if math.isinf(self._left) else np.full(3, math.nan)
         said = _said(evidence, fades=not self._wind_is_measured)
         likely = hypotheses.decide(self.memories, self.weights, lost_at, said, chosen).tolist()

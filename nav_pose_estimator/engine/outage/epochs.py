@@ -45,9 +45,7 @@ class EpochCollector:
     @property
     def recent(self) -> np.ndarray:
         """The last epochs, (up to the method's ``history``, COLUMNS or more)."""
-        if not self.epochs:
-            return np.array([])
-        return np.concatenate(self.epochs).reshape(len(self.epochs), -1)  # np.array takes four times as long
+        return np.array(self.epochs)
 
     def feed(self, output: NavBlock | NavSolution) -> FinishedEpoch | None:
         """Take a solution, in which only the last sample may end an epoch; returns the epoch when it does."""
