@@ -91,11 +91,11 @@ def test_the_mixture_is_as_uncertain_as_the_decision() -> None:
     branches = timeline.filter.branches
     assert branches is not None
     sd = np.sqrt(timeline.filter.P[at.DVEL, at.DVEL])
-    velocities = np.array([nav[at.VEL] for nav, _ in branches.pairs()])
+    velocities = np.array([view.nav[at.VEL] for view in branches.views])
     spread = np.sqrt(branches.weights @ np.square(velocities - branches.weights @ velocities))
     assert sd >= spread
     assert sd**2 == pytest.approx(
-        spread**2 + branches.weights @ [P[at.DVEL, at.DVEL] for _, P in branches.pairs()], rel=1e-3
+        spread**2 + branches.weights @ [view.P[at.DVEL, at.DVEL] for view in branches.views], rel=1e-3
     )
 
 
@@ -130,7 +130,7 @@ def test_a_filter_that_is_better_than_it_states_splits_with_less_doubt() -> None
         before = timeline.filter.P.copy()
         one = replace(evidence(timeline), drift_variance=part)
         branches = Branches(timeline.filter.vector, 4, one)
-        sds[part] = branches.pairs()[0][1].diagonal()[:9].copy()
+        sds[part] = branches.views[0].P.diagonal()[:9].copy()
         branches.mix_into(timeline.filter.vector)
         assert timeline.filter.nav[at.GYRO_WANDER] == pytest.approx(1e-9)
         np.testing.assert_allclose(timeline.filter.P[at.DPOS, at.DPOS], before[at.DPOS, at.DPOS])
@@ -158,7 +158,7 @@ def test_the_mixture_has_the_size_of_the_filter(size: int) -> None:
     """GIVEN a filter with or without gyro matrix WHEN it splits THEN only the branches carry the wind."""
     timeline = started(size=size)
     fly(timeline, imu_rows(1.0))
-    assert [P.shape for _, P in timeline.filter.branches.pairs()] == [(size + 2, size + 2)] * 2
+    assert [view.P.shape for view in timeline.filter.branches.views] == [(size + 2, size + 2)] * 2
     assert timeline.filter.P.shape == (size, size)
     assert np.linalg.eigvalsh(timeline.filter.P).min() > 0.0
 
@@ -331,7 +331,7 @@ def test_what_a_hypothesis_has_made_certain_is_no_evidence_for_it() -> None:
     for certain in (1.0, 0.1):
         branches = copy.deepcopy(timeline.filter.branches)
         branches.weights[:] = 0.5
-        for (nav, P), part in zip(branches.pairs(), (3.0, certain), strict=True):
+        for (nav, P, _), part in zip(branches.views, (3.0, certain), strict=True):
             nav[at.VEL : at.VEL + 3] = 0.0
             P[at.DVEL : at.DPOS] *= part
             P[:, at.DVEL : at.DPOS] *= part

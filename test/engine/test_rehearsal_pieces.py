@@ -1,11 +1,15 @@
 """Rehearsals of outages in flight: the same result whatever the pieces in which the samples come."""
 
+import pickle
+
+import numpy as np
 import pytest
 
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.outage.filter_bank import COAST
+from nav_pose_estimator.engine.outage.rehearsal import Epoch, packed, unpacked
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.samples import ImuBlock, joined
+from nav_pose_estimator.engine.samples import BodyVelocity, ImuBlock, PressureSample, joined
 from nav_pose_estimator.offline.benchmarks.speed.plain_flight import samples
 from pieces import one_by_one
 
@@ -39,3 +43,20 @@ def test_samples_and_blocks_join_to_one_block(flight):
         assert again.stamps_ns.tolist() == whole.stamps_ns.tolist()
         assert again.gyro.tolist() == whole.gyro.tolist()
         assert again.accel.tolist() == whole.accel.tolist()
+
+
+def test_packed_epochs_are_the_same_epochs(flight):
+    # GIVEN epochs with and without samples of the IMU and of other sensors
+    blocks = [sample for sample in flight if isinstance(sample, ImuBlock)][:3]
+    others = [PressureSample(5, 95e3), BodyVelocity(7, (1.0, 2.0, 3.0), np.eye(3))]
+    epochs = [Epoch(blocks[0], others, None), Epoch(None, others[:1], (1.0, 2.0)), Epoch(blocks[1], [], (3.0, 4.0))]
+    # WHEN they are packed for another process and unpacked there
+    found = unpacked(pickle.loads(pickle.dumps(packed(epochs))))
+    # THEN nothing is lost, and each has its own samples of the IMU
+    assert [(repr(one.others), one.velocity) for one in found] == [(repr(one.others), one.velocity) for one in epochs]
+    for one, epoch in zip(found, epochs, strict=True):
+        assert (one.imu is None) == (epoch.imu is None)
+        if epoch.imu is not None:
+            for name in ("stamps_ns", "gyro", "accel"):
+                np.testing.assert_array_equal(getattr(one.imu, name), getattr(epoch.imu, name))
+    assert unpacked(packed([Epoch(None, [], None)])) == [Epoch(None, [], None)]

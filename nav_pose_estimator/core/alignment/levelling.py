@@ -126,7 +126,7 @@ def inclined_attitudes(rows: Array, accel_bias: Vector, acceleration: Array) -> 
 class OutsideLevels:
     """Attitudes of another estimator with the deviation of their tilt, kept for as long as a fix may be late."""
 
-    _levels: deque[tuple[float, Array, float]]
+    _levels: deque[tuple[float, tuple[float, ...], float]]  # plain numbers: shared by copies
 
     def __init__(self) -> None:
         self._levels = deque()
@@ -139,14 +139,17 @@ class OutsideLevels:
             return
         q /= norm
         yaw = euler_from_quat(q)[2]
-        self._levels.append((t, turned(q, -yaw), max(tilt_sd, _OUTSIDE_TILT_SD)))
+        self._levels.append((t, tuple(turned(q, -yaw).tolist()), max(tilt_sd, _OUTSIDE_TILT_SD)))
         while self._levels[0][0] < t - _OUTSIDE_MEMORY:
             self._levels.popleft()
 
     def near(self, t: float, tilt_sd: float) -> tuple[Array, float] | None:
         """(``q_nb`` at yaw zero, tilt deviation [rad]) nearest to ``t`` [s]; None unless better than ``tilt_sd``."""
         known = [level for level in self._levels if abs(level[0] - t) < _OUTSIDE_AGE and level[2] < tilt_sd]
-        return min(known, key=lambda level: abs(level[0] - t))[1:] if known else None
+        if not known:
+            return None
+        _, q_nb, tilt_sd = min(known, key=lambda level: abs(level[0] - t))
+        return np.array(q_nb), tilt_sd
 
 
 def magnetic_yaw(q_level: Array, field: Vector, declination: float) -> float:

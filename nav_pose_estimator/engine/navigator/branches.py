@@ -11,7 +11,10 @@ hypothesis has been evaluated on each branch (generalised pseudo-Bayesian filter
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
+from operator import is_
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +23,7 @@ from nav_pose_estimator.core.filter import memory
 from nav_pose_estimator.core.filter.blocks import GYRO_MATRIX, WIND, with_block
 from nav_pose_estimator.core.filter.mixture import blend_rows
 from nav_pose_estimator.core.motion import hypotheses
+from nav_pose_estimator.engine.observation import FilterView
 from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence
 
 _LEAST_WEIGHT = 1e-4  # smallest probability of a hypothesis, so that it can recover
@@ -58,30 +62,36 @@ class Branches:
         branch[memory.NAV + at.GYRO_WANDER] *= self._drift_variance
         branch[memory.HEAD : memory.HEAD + P.size] = P.ravel()
         memory.add_checkpoint(branch)
-        self.memories = np.tile(branch, (len(evidence.hypotheses), 1))
+        self._hold(np.tile(branch, (len(evidence.hypotheses), 1)))
         self.weights = np.array([h.probability for h in evidence.hypotheses])
         self.names = tuple(h.name for h in evidence.hypotheses)
-        self._decisions = [(-math.inf, self.weights)]  # (time, weights from then on), as far back as checkpoints
+        self._decisions = deque([(-math.inf, self.weights)])  # (time, weights from then on), as far back as checkpoints
+
+    def _hold(self, memories: np.ndarray) -> None:
+        self.memories = memories
+        self.vectors = list(memories)
+        constants = memories[0, memory.CONSTANTS : memory.ORIGIN]  # the same for all branches
+        self.views = [FilterView(_nav(one), _covariance(one), constants) for one in self.vectors]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The state for a copy, without views."""
+        return {name: value for name, value in self.__dict__.items() if name not in ("vectors", "views")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore a copy; its views refer to its own memories."""
+        self.__dict__ = state
+        self._hold(self.memories)
 
     def probability(self, name: str) -> float:
         """Probability of the hypothesis ``name``."""
         return float(self.weights[self.names.index(name)])
 
-    def pairs(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Nominal state and covariance of each branch, as views into its memory."""
-        return [(_nav(one), _covariance(one)) for one in self.memories]
-
-    @property
-    def constants(self) -> np.ndarray:
-        """Filter constants, the same for all branches."""
-        return self.memories[0, memory.CONSTANTS : memory.ORIGIN]
-
     def run(self, rows: np.ndarray, begin: int, end: int, due: float, out: np.ndarray) -> int:
         """``memory.run_block`` for each branch; ``out`` receives the solution of the mixture."""
-        if len(self.memories) == 1:
-            return int(memory.run_block(self.memories[0], rows, begin, end, due, out))
-        own = np.empty((len(self.memories), *out.shape))
-        for one, own_rows in zip(self.memories, own, strict=True):
+        if len(self.vectors) == 1:
+            return int(memory.run_block(self.vectors[0], rows, begin, end, due, out))
+        own = np.empty((len(self.vectors), *out.shape))
+        for one, own_rows in zip(self.vectors, own, strict=True):
             stop = memory.run_block(one, rows, begin, end, due, own_rows)
         first = len(out) - end
         blend_rows(own, self.weights, first + begin, first + stop, out)
@@ -89,7 +99,7 @@ class Branches:
 
     def restore_before(self, t: float) -> float:
         """Restore the last checkpoint before ``t`` [s]; returns its time."""
-        for one in self.memories:
+        for one in self.vectors:
             memory.restore_before(one, t)
         now = float(self.memories[0][memory.NAV + at.TIME])
         while len(self._decisions) > 1 and self._decisions[-1][0] > now:
@@ -113,23 +123,34 @@ class Branches:
         now = float(self.memories[0, memory.NAV + at.TIME])
         # From where the vehicle has left the area on, the prior on the place is dropped: on a straight flight, the
         # growing drift would otherwise soon make it consistent again and pull the vehicle back.
-        if self._left > now and hypotheses.has_left(self.memories, self._lost_at, _table(evidence.hypotheses)):
+        first = _table(evidence.hypotheses)
+        if self._left > now and hypotheses.has_left(self.memories, self._lost_at, first):
             self._left = now
         self._ended = [
             ended if likely > 0.5 else min(ended, now) for ended, likely in zip(self._ended, self.weights, strict=True)
         ]
-        chosen = [
+        lasting = [
             one.lasting if one.lasting is not None and math.isinf(ended) else one
             for one, ended in zip(evidence.hypotheses, self._ended, strict=True)
         ]
+        chosen = first if all(map(is_, lasting, evidence.hypotheses)) else _table(lasting)
         lost_at = self._lost_at if math.isinf(self._left) else np.full(3, math.nan)
         said = _said(evidence, fades=not self._wind_is_measured)
-        weights = hypotheses.decide(self.memories, self.weights, lost_at, said, _table(chosen))
-        if not weights.any():
+        likely = hypotheses.decide(self.memories, self.weights, lost_at, said, chosen).tolist()
+        if not any(likely):
             return
-        weights = np.maximum(weights / weights.sum(), _LEAST_WEIGHT)
-        self.weights = weights / weights.sum()
-        self._decisions = [*(d for d in self._decisions if d[0] >= now - _REMEMBERED), (now, self.weights)]
+        self.weights = np.array(_shares([max(share, _LEAST_WEIGHT) for share in _shares(likely)]))
+        while self._decisions and self._decisions[0][0] < now - _REMEMBERED:
+            self._decisions.popleft()
+        self._decisions.append((now, self.weights))
+
+
+def _shares(values: list[float]) -> list[float]:
+    """``values`` over their sum, in which numpy's calls for so few numbers would take most of the time."""
+    total = 0.0
+    for value in values:  # Python's ``sum`` rounds otherwise than numpy's
+        total += value
+    return [value / total for value in values]
 
 
 def _said(evidence: MotionEvidence, fades: bool) -> np.ndarray:
@@ -138,7 +159,14 @@ def _said(evidence: MotionEvidence, fades: bool) -> np.ndarray:
     head = (evidence.interval, evidence.dwell, evidence.correlation, evidence.unmodelled_var, decay)
     air = evidence.air_velocity or _UNKNOWN
     return np.array(
-        [*head, *evidence.wind_mean, *evidence.attitude.ravel(), *evidence.velocity, *evidence.body_velocity, *air]
+        [
+            *head,
+            *evidence.wind_mean,
+            *evidence.attitude.ravel().tolist(),
+            *evidence.velocity,
+            *evidence.body_velocity,
+            *air,
+        ]
     )
 
 

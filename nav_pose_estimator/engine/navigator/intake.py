@@ -51,6 +51,8 @@ from nav_pose_estimator.engine.solutions import Level
 _CRUISE = 60.0  # s: correlation time of the velocity of a fixed wing in cruise
 _UNEVENTFUL = frozenset((AttitudeSample, NavigatorVelocity, *(aid.sample for aid in AIDS if aid.kind.quiet)))
 """Samples that change neither the mode nor the state of GNSS, unless they become an observation."""
+_BOUNDING = tuple(aid.sample for aid in AIDS if aid.bounds_at is not Aid.bounds_at)
+"""Samples that may measure the velocity better than a learned prediction."""
 
 
 def take(run: FilterRun, sample: Sample) -> None:
@@ -203,7 +205,7 @@ def _differential_pressure(run: FilterRun, sample: DifferentialPressure) -> None
 def _motion(run: FilterRun, sample: MotionEvidence) -> None:
     t = run.clock.time_of(sample.stamp_ns, "outage", run.journal)
     if t is not None and run.timeline.running and run.modes.mode in DENIED:
-        if any(aid.bounds_at(t) for aid in run.aids.values()):
+        if any(run.aids[kind].bounds_at(t) for kind in _BOUNDING):
             run.journal.count("outage.evidence.redundant")  # better than learned motion
             return
         if run.unseen:

@@ -114,8 +114,8 @@ class SplitFilter:
                 self.vector[memory.NEWEST] = -1.0
                 memory.add_checkpoint(self.vector)
         else:
-            for nav, P in self.branches.pairs():
-                apply(observation, FilterView(nav, P, self.branches.constants))
+            for view in self.branches.views:
+                apply(observation, view)
             self._follow(self.branches)
         return self.branches is not before
 
@@ -127,7 +127,7 @@ class SplitFilter:
 
     @property
     def _vectors(self) -> list[np.ndarray]:
-        return [self.vector] if self.branches is None else list(self.branches.memories)
+        return [self.vector] if self.branches is None else self.branches.vectors
 
     def restore_before(self, t: float) -> float:
         """Restore the last checkpoint before ``t`` [s]; returns the time of the filter then [s]."""

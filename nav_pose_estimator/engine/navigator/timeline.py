@@ -203,10 +203,10 @@ class Timeline:
                         self.shift = moved(self.shift, result, result)
                 if results:
                     continue
-            before = self.filter.nav[LAT:VEL].copy()
+            before = self.filter.nav[LAT:VEL].tolist()
             if self.filter.act(self.queue.next(), self._apply):
                 restructured, self._started = True, self.filter.time
-            if not self._replaying and (before != self.filter.nav[LAT:VEL]).any():
+            if not self._replaying and before != self.filter.nav[LAT:VEL].tolist():
                 self.shift = self.shift + step_enu(before, self.filter.nav[LAT:VEL])
         if restructured:
             # no replay can begin before a split or a union: the checkpoint here includes all that acted at its time

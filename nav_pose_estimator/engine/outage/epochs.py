@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -59,7 +60,7 @@ class EpochCollector:
         if period == self.period:
             return None
         is_consecutive, self.period = period == self.period + 1, period
-        rows = np.concatenate(self.rows)
+        rows = joined_rows(self.rows)
         is_aided, count = self.is_aided, len(rows)
         self.rows, self.is_aided = [], True
         before, self.before = self.before, rows if is_consecutive else rows[:0]
@@ -68,8 +69,10 @@ class EpochCollector:
             return None
         is_good = is_aided and count >= _LEAST_SHARE * self.usual and rows[-1, at.OUT_VAR + 2] < _GOOD_HEADING**2
         self.usual = count if self.usual == 0.0 else self.usual + 0.05 * (count - self.usual)
-        added = self.method.columns(output, np.concatenate([before, rows]))
-        finished = np.append(epoch(stamp * 1e-9, rows), added)
+        finished = epoch(stamp * 1e-9, rows)
+        if self.method.adds_columns:
+            added = self.method.columns(output, np.concatenate([before, rows]))
+            finished = np.append(finished, added)
         self.epochs.append(finished)
         if len(self.epochs) > self.method.history:
             self.epochs.popleft()
@@ -120,6 +123,11 @@ class FlightMemory:
 def last_stamp(output: NavBlock | NavSolution) -> int:
     """Stamp [ns] of the newest sample."""
     return output.stamp_ns if isinstance(output, NavSolution) else int(output.stamps_ns[-1])
+
+
+def joined_rows(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """The rows of ``parts``, of which there is at least one, in one array."""
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 def solution_rows(output: NavBlock | NavSolution) -> np.ndarray:

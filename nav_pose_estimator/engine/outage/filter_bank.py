@@ -14,10 +14,12 @@ import numpy as np
 
 from nav_pose_estimator.core.filter import memory
 from nav_pose_estimator.core.filter.layout import IMU_T, OUT_COLUMNS
+from nav_pose_estimator.core.numerics.deep_copy import own_dictionary
 from nav_pose_estimator.engine.navigator.branches import Branches
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.navigator.split_filter import Apply, SplitFilter
 from nav_pose_estimator.engine.observation import FilterView, Kind, Observation
+from nav_pose_estimator.engine.outage.epochs import joined_rows
 from nav_pose_estimator.engine.outage.methods.coast import Coast
 from nav_pose_estimator.engine.sensors.rest import Rest
 
@@ -63,7 +65,7 @@ class Way(SplitFilter):
     def take_rows(self) -> np.ndarray:
         """Output rows (N, OUT_COLUMNS) since the last call."""
         rows, self.rows = self.rows, []
-        return np.concatenate(rows)
+        return joined_rows(rows)
 
 
 class FilterBank(SplitFilter):
@@ -152,7 +154,7 @@ class RestOfEach(Rest):
 
     def __init__(self, rest: Rest, bank: FilterBank) -> None:
         """Take over noise and counters of ``rest``."""
-        vars(self).update(vars(rest))
+        own_dictionary(self).update(own_dictionary(rest))
         self._bank = bank
 
     def observe(self, mean_rate: np.ndarray, f: FilterView, stamp_ns: int) -> Observation | None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from operator import attrgetter
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from nav_pose_estimator.core.numerics.snapshot import snapshot
 from nav_pose_estimator.engine.navigator.modes import DENIED
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.observation import Observation
-from nav_pose_estimator.engine.outage.epochs import EpochCollector
+from nav_pose_estimator.engine.outage.epochs import EpochCollector, joined_rows
 from nav_pose_estimator.engine.outage.filter_bank import COAST, ONE_WAY, FilterBank, OfOneWay, without_gnss
 from nav_pose_estimator.engine.outage.methods.air_velocity_guide import HOVER
 from nav_pose_estimator.engine.outage.methods.method import Guide
@@ -37,10 +38,42 @@ class Epoch(NamedTuple):
 
     @classmethod
     def of(cls, samples: list[Sample], velocity: tuple[float, float] | None) -> Epoch:
-        """The epoch of ``samples`` in the order of arrival. The IMU's are joined: many blocks take long to pickle."""
+        """The epoch of ``samples`` in the order of arrival. The IMU's are joined."""
         imu = [sample for sample in samples if isinstance(sample, (ImuSample, ImuBlock))]
         others: list[Sample] = [sample for sample in samples if not isinstance(sample, (ImuSample, ImuBlock))]
         return cls(joined(imu) if imu else None, others, velocity)
+
+
+_VALUES: dict[type, Callable[[Any], tuple]] = {
+    kind: attrgetter(*(one.name for one in fields(kind))) for kind in get_args(Sample)
+}
+"""Kind of samples -> the values of its fields, of which each kind has several."""
+Packed = tuple[ImuBlock | None, list[tuple[int, list[tuple], tuple[float, float] | None]]]
+"""Epochs as few objects: the IMU's samples of all, and of each their number, the values of the others, the velocity."""
+
+
+def packed(epochs: Sequence[Epoch]) -> Packed:
+    """``epochs`` for ``pickle``, which takes long for many arrays and dataclasses."""
+    blocks = [epoch.imu for epoch in epochs if epoch.imu is not None]
+    rest = [
+        (0 if imu is None else len(imu), [_bare(one) for one in others], velocity) for imu, others, velocity in epochs
+    ]
+    return joined(blocks) if blocks else None, rest
+
+
+def unpacked(packed: Packed) -> list[Epoch]:
+    """The epochs of ``packed``."""
+    imu, rest = packed
+    epochs, done = [], 0
+    for count, others, velocity in rest:
+        own = imu.part(done, done + count) if imu is not None and count else None
+        epochs.append(Epoch(own, [kind(*values) for kind, *values in others], velocity))
+        done += count
+    return epochs
+
+
+def _bare(sample: Sample) -> tuple:
+    return type(sample), *_VALUES[type(sample)](sample)
 
 
 class Outcome(NamedTuple):
@@ -70,6 +103,16 @@ class Rehearsal:
     def of(cls, sins: SinsEngine, collector: EpochCollector, guides: Mapping[str, Guide]) -> Rehearsal:
         """A rehearsal from the present state of the navigator ``sins`` and of the ``collector`` of its epochs."""
         return cls(without_gnss(sins), guides, {name: snapshot(collector) for name in guides})
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The state for another process."""
+        return self.__dict__ | {"epochs": packed(self.epochs)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore it in another process. Pickle leaves slow attributes, a copy has fast ones (``deep_copy``)."""
+        self.__dict__ = state
+        self.epochs = unpacked(state["epochs"])
+        self.sins = self.sins.snapshot()
 
     def copy(self) -> Rehearsal:
         """An independent copy."""
@@ -112,8 +155,8 @@ class Rehearsal:
         blocks = [output for output in self.sins.feed(imu) if isinstance(output, NavBlock)]
         if not blocks or self.has_restarted:
             return
-        stamps = np.concatenate([block.stamps_ns for block in blocks])
-        coasting = np.concatenate([block.rows for block in blocks])
+        stamps = joined_rows([block.stamps_ns for block in blocks])
+        coasting = joined_rows([block.rows for block in blocks])
         last, ways = blocks[-1], self.bank.ways
         for name, guide in self.guides.items():
             rows = ways[name].take_rows() if name in ways else coasting

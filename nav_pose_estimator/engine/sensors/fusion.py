@@ -53,10 +53,11 @@ class Fusion:
         elif sensor.noise.learns:
             z, H, stated = sensor.linearise(o, f)
             sensor.noise_ahead_of(o).note(o.t, z, None, H @ f.P @ H.T, stated)
-        horizontal, vertical, speed = o.decision.least_sd
-        for state, sd in zip(_MOTION, (horizontal, horizontal, vertical, speed, speed), strict=True):
-            if sd > 0.0:
-                f.P[state, state] = max(f.P[state, state], sd**2)
+        if any(o.decision.least_sd):
+            horizontal, vertical, speed = o.decision.least_sd
+            for state, sd in zip(_MOTION, (horizontal, horizontal, vertical, speed, speed), strict=True):
+                if sd > 0.0:
+                    f.P[state, state] = max(f.P[state, state], sd**2)
         sensor.settle(o, f)
 
     def _lose(self, sensor: Sensor, o: Observation, decision: Decision, f: FilterView) -> None:

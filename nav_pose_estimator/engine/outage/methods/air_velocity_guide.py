@@ -86,7 +86,7 @@ def motion_evidence(
     return MotionEvidence(
         stamp_ns=stamp_ns,
         interval=me.PERIOD,
-        attitude=np.ascontiguousarray(me.attitude(newest[None])[0]),
+        attitude=newest[me.ATTITUDE : me.BODY_VELOCITY].reshape(3, 3),
         velocity=vector3(newest[me.VELOCITY : me.FORCE]),
         body_velocity=vector3(newest[me.BODY_VELOCITY : me.VELOCITY]),
         air_velocity=None if prediction is None else vector3(prediction.air_velocity),

@@ -167,6 +167,11 @@ class OutageMethod(Method):
     def warm_up(self) -> None:
         """Compile the kernels of training and model by calling them once."""
 
+    @property
+    def adds_columns(self) -> bool:
+        """Whether the method has ``columns`` of its own."""
+        return type(self).columns is not OutageMethod.columns
+
     def columns(self, output: NavBlock | NavSolution, rows: Array) -> Array:
         """Columns (K,), K fixed, that the method adds to an epoch.
 
