@@ -136,9 +136,10 @@ def test_a_pause_of_velocities_is_no_scatter() -> None:
 
 
 def test_scatter_of_velocities_is_known_after_a_restart() -> None:
-    """GIVEN velocities that scatter WHEN the navigator starts again THEN it aligns with their noise."""
+    """GIVEN velocities that scatter WHEN the navigator starts again THEN it aligns with their noise, and says so."""
     engine = SinsEngine()
     engine.run.gnss.reception.velocity_scatter.sd = 3.0
     engine.reset(1, "test")
     noise = engine.run.gnss.reception.velocity_noise(GnssVelocity(2, (0.0, 0.0, 0.0)))
     assert (np.diag(noise) > 3.0**2).all()
+    assert engine.status().doubt == "GNSS velocities scatter by 3.0 m/s, more than stated"
