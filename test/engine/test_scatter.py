@@ -7,6 +7,8 @@ import pytest
 
 from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla
 from nav_pose_estimator.engine.journal import Journal
+from nav_pose_estimator.engine.navigator.sins import SinsEngine
+from nav_pose_estimator.engine.samples import GnssVelocity
 from nav_pose_estimator.engine.sensors.gnss.reception import Way
 from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import Scatter, VelocityScatter
 
@@ -131,3 +133,13 @@ def test_a_pause_of_velocities_is_no_scatter() -> None:
         scatter.change(2.0, 9.0 * (-1.0) ** k, 0.0, 0.5)
         scatter.second(k)
     assert not scatter.is_on
+
+
+def test_scatter_of_velocities_is_known_after_a_restart() -> None:
+    """GIVEN velocities that scatter WHEN the navigator starts again THEN it aligns with their noise, and says so."""
+    engine = SinsEngine()
+    engine.run.gnss.reception.velocity_scatter.sd = 3.0
+    engine.reset(1, "test")
+    noise = engine.run.gnss.reception.velocity_noise(GnssVelocity(2, (0.0, 0.0, 0.0)))
+    assert (np.diag(noise) > 3.0**2).all()
+    assert engine.status().doubt == "GNSS velocities scatter by 3.0 m/s, more than stated"

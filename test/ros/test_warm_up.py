@@ -36,6 +36,7 @@ for i, sample in enumerate(flight.samples(blocks=False)):
     callbacks["/" + TOPICS[type(sample)][0]](data)
 node._on_timer()
 print(node.engine.mode.value)
+node.engine.reset(sample.stamp_ns, "test")
 print("NEW", sorted(name for name, _ in known() - ready))
 """
 

@@ -313,6 +313,7 @@ def take_over(run: FilterRun, before: FilterRun) -> None:
     run.imu_physics.forget_time()
     run.gnss.reception.velocities = before.gnss.reception.velocities
     run.gnss.reception.velocities.forget_time()
+    run.gnss.reception.velocity_scatter = before.gnss.reception.velocity_scatter
 
 
 def resumed(saved: SavedState, before: FilterRun, stamp_ns: int, why: str = "") -> FilterRun:

@@ -57,7 +57,8 @@ def status_of(run: FilterRun) -> Status:
         or _unseen(run)
         or _unknown_heading(run)
         or _heights(run)
-        or _body_velocity(run),
+        or _body_velocity(run)
+        or reception.velocity_scatter.reason,
     )
 
 

@@ -134,6 +134,11 @@ class VelocityScatter:
         """Whether the noise is larger than stated."""
         return self.sd > 0.0
 
+    @property
+    def reason(self) -> str:
+        """Why the velocity is less certain than usual, one clause for the user; empty where it is not."""
+        return f"GNSS velocities scatter by {self.sd:.1f} m/s, more than stated" if self.is_on else ""
+
     def change(self, seconds: float, east: float, north: float, stated: float) -> None:
         """Add the change of the misfit [m/s] over ``seconds``; ``stated`` [m/s]: deviation of a velocity."""
         if not 0.0 < seconds <= _PAUSE:
@@ -154,7 +159,7 @@ class VelocityScatter:
         limit = _OFF if was_on else _ON * math.sqrt(_COUNT / len(changes))
         self.sd = sd if sd >= limit * self._stated else 0.0
         if self.is_on and not was_on:
-            text = f"GNSS velocities scatter by {sd:.1f} m/s, more than stated; they are used with that noise"
+            text = f"{self.reason}; they are used with that noise"
             self._journal.say(stamp_ns, "gnss.velocity.scatters", Level.WARN, text, sd=sd)
         elif was_on and not self.is_on:
             text = "GNSS velocities scatter as stated again"
