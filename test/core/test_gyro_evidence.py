@@ -5,7 +5,7 @@ import pytest
 
 from nav_pose_estimator.core.alignment.gyro_evidence import SIZE, GyroEvidence
 
-V, WRONG = 0.01**2, (0.3**2, 1.0)  # variances of the narrow prior and of wrong scales
+V, WRONG, SMALL = 0.01**2, (0.3**2, 1.0), 0.02**2  # variances of the narrow prior, of wrong scales, of sound ones
 DIAGONAL = np.eye(SIZE)[:, [0, 4, 8]]
 COMMON = DIAGONAL.sum(axis=1, keepdims=True)
 SCALED = (DIAGONAL @ np.full(3, 0.2)).astype(float)
@@ -45,9 +45,16 @@ def log_marginal(J: np.ndarray, h: np.ndarray, prior: np.ndarray) -> float:
 def test_the_odds_are_the_bayes_factor_of_the_two_priors(truth: np.ndarray) -> None:
     """GIVEN observations of M WHEN the odds are computed from the narrow posterior THEN they are the exact ones."""
     found, J, h = evidence_of(truth, seconds=4)
-    narrow = log_marginal(J, h, V * np.eye(SIZE))
-    wide = [log_marginal(J, h, V * np.eye(SIZE) + w * B @ B.T) for B in (COMMON, DIAGONAL) for w in WRONG]
-    assert found.odds == pytest.approx(max(wide) - narrow, rel=1e-6, abs=1e-6)
+    wide, small = (
+        [log_marginal(J, h, V * np.eye(SIZE) + w * B @ B.T) for B in (COMMON, DIAGONAL) for w in added]
+        for added in (WRONG, (0.0, SMALL))
+    )
+    assert found.odds == pytest.approx(max(wide) - max(small), rel=1e-6, abs=1e-6)
+
+
+def test_a_scale_of_an_uncalibrated_gyroscope_is_right() -> None:
+    """GIVEN a scale error of 3 %, three deviations of the filter's prior, WHEN GNSS shows it THEN it is no evidence."""
+    assert evidence_of(0.15 * SCALED, seconds=30)[0].odds < 0.0
 
 
 def test_a_wrong_scale_is_told_from_a_right_one() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from filter_start import initial_covariance, plain_constants
-from nav_pose_estimator.core.alignment.gyro_evidence import GyroEvidence
+from nav_pose_estimator.core.alignment.gyro_evidence import SIZE, GyroEvidence
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.blocks import GYRO_MATRIX
 from nav_pose_estimator.core.filter.kalman import correct
@@ -69,3 +69,14 @@ def test_a_prior_that_is_wide_already_is_left_alone() -> None:
     prior.settle(prior.observe(evidence, 0.0, 0), wide)
     assert np.array_equal(wide.P, before)
     assert not wide.nav[GYRO_MATRIX.estimates].any()
+
+
+def test_a_doubt_outlives_a_reset() -> None:
+    """GIVEN a gyroscope in doubt WHEN the navigator starts again THEN it stays in doubt, and the new prior is released."""
+    sins = PoseEstimator(Parameters(), attitude=False).sins
+    seconds = [(np.full(SIZE, mean), NARROW**2 * share * np.eye(SIZE), 1.0) for mean, share in ((0.0, 1.0), (0.05, 0.5))]
+    released = [sins.run.gyro_watch.second(*second, sins.journal, 0) for second in seconds]
+    assert released == [False, True]
+    sins.reset(0, "test")
+    assert "gyroscope" in sins.status().doubt
+    assert sins.run.gyro_watch.second(*seconds[0], sins.journal, 0)

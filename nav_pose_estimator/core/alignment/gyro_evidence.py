@@ -10,7 +10,9 @@ two priors is the evidence for a gyroscope of another range, sign or axis. It ne
     information on a   K = B' (v I - C) B / v^2,  g = B' d / v
     log Bayes factor   -1/2 log det(I + w K) + 1/2 g' (K + I/w)^-1 g
 
-B has one column for a scale common to all axes, or three for each axis. What a second adds to J and h is divided by its
+B has one column for a scale common to all axes, or three for each axis. The scale factors of a sound gyroscope without
+calibration are wrong by some per cent, more than the filter's prior says. So a small w is an explanation by a right
+gyroscope, and the evidence is against the better one of this and of w = 0. What a second adds to J and h is divided by its
 variance of unit weight where that exceeds one, as noise of that variance would do. A shock, a tumble or a late velocity
 gives large innovations for a moment, and little evidence.
 
@@ -31,6 +33,7 @@ Array = NDArray[np.float64]
 SIZE = 9  # elements of M, row-major
 _SCALES = (0, 4, 8)  # those on the diagonal
 _WIDE = (0.3**2, 1.0)  # variances of scale factors: of a gyroscope of another range, of another sign or axis
+_SMALL = 0.02**2  # the same of a sound gyroscope, beyond the narrow prior
 _GREW = 1.01  # growth of a variance within a second beyond the driving noise
 
 
@@ -43,7 +46,7 @@ class GyroEvidence:
     def __init__(self) -> None:
         self.centre, self.variance = np.zeros(SIZE), 0.0
         self.odds = 0.0
-        """Log Bayes factor of wrong scale factors against right ones."""
+        """Log Bayes factor of wrong scale factors against those of a sound gyroscope."""
         self._before, self._variances = np.zeros((SIZE + 1, SIZE)), np.zeros(SIZE)
         self._total = np.zeros((SIZE + 1, SIZE))  # J, and h in the last row
         self._skips = False
@@ -93,7 +96,7 @@ def _add_information(P, away, weight, before, total):
 
 @kernel
 def _log_bayes_factor(total, variance):
-    """Largest log Bayes factor of a common scale and of three scales, over ``_WIDE``; minus infinity where invalid."""
+    """Log Bayes factor of the best wide prior against the best one of a right gyroscope; minus infinity where invalid."""
     size = total.shape[1]
     precision, C = np.empty((size, size)), np.zeros((size, size))
     for i in range(size):
@@ -113,9 +116,14 @@ def _log_bayes_factor(total, variance):
         slope += g[a]
     common, best = max(common, 0.0), -math.inf
     for wide in _WIDE:
-        one = -0.5 * math.log(1.0 + wide * common) + 0.5 * slope**2 / (common + 1.0 / wide)
-        best = max(best, one, _of_three_scales(K, g, wide))
-    return best
+        best = max(best, _of_one_scale(common, slope, wide), _of_three_scales(K, g, wide))
+    return best - max(0.0, _of_one_scale(common, slope, _SMALL), _of_three_scales(K, g, _SMALL))
+
+
+@kernel
+def _of_one_scale(K, g, wide):
+    """Log Bayes factor of a common scale of variance ``wide``; ``K`` and ``g`` are the information on it."""
+    return -0.5 * math.log(1.0 + wide * K) + 0.5 * g**2 / (K + 1.0 / wide)
 
 
 @kernel

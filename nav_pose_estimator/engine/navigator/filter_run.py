@@ -311,6 +311,8 @@ def take_over(run: FilterRun, before: FilterRun) -> None:
     run.origin_is_fixed = before.origin_is_fixed
     run.imu_physics = before.imu_physics
     run.imu_physics.forget_time()
+    run.gyro_watch = before.gyro_watch
+    run.gyro_watch.filter_restarts()
     run.gnss.reception.velocities = before.gnss.reception.velocities
     run.gnss.reception.velocities.forget_time()
     run.gnss.reception.velocity_scatter = before.gnss.reception.velocity_scatter

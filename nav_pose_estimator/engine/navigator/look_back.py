@@ -62,12 +62,12 @@ def _look_at_motion(run: FilterRun) -> None:
 def _watch_the_gyroscope(run: FilterRun, t: float, is_aided: bool) -> None:
     """Check the gyroscope's scale with the filter's own estimate of it, and release its prior where it is wrong."""
     whole, watch = run.timeline.filter, run.gyro_watch
-    if whole.branches is not None or not GYRO_MATRIX.is_in(whole.constants):
+    if not GYRO_MATRIX.is_in(whole.constants):
         return
-    motion = run.imu_physics.motion
-    # velocities that are late or in wrong axes, and heavy vibration, are no evidence against the gyroscope
-    misled = motion.latency.delay or motion.shakes or run.gnss.reception.velocities.doubted
-    if misled or not is_aided:
+    motion, reception = run.imu_physics.motion, run.gnss.reception
+    # velocities that are late, noisy or in wrong axes, and heavy vibration, are no evidence against the gyroscope
+    misled = motion.latency.delay or motion.shakes or reception.velocity_scatter.is_on or reception.velocities.doubted
+    if misled or not is_aided or whole.branches is not None:
         watch.evidence.skip()
         return
     own, stamp_ns = GYRO_MATRIX.states(whole.constants), run.clock.stamp(t)
