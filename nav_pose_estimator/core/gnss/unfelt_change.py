@@ -175,9 +175,9 @@ def _mean_over(trace, received, begin, heading_sd, drift_sd, out):
             k += 1
         share = min((t - trace[k, 0]) / (trace[k + 1, 0] - trace[k, 0]), 1.0)
         for axis in range(2):
-            felt = trace[k, 1 + axis] + share * (trace[k + 1, 1 + axis] - trace[k, 1 + axis])
-            out[APART + axis] += received[i, 1 + axis] - felt
-            out[VELOCITY + axis] += felt
+            imu_velocity = trace[k, 1 + axis] + share * (trace[k + 1, 1 + axis] - trace[k, 1 + axis])
+            out[APART + axis] += received[i, 1 + axis] - imu_velocity
+            out[VELOCITY + axis] += imu_velocity
         out[COUNT] += 1.0
     if out[COUNT] == 0.0:
         return False

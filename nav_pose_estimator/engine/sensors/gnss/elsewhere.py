@@ -49,9 +49,9 @@ class Elsewhere:
 
     def reason(self) -> str:
         """Why the position is less certain than usual, one clause for the user; empty where it is not."""
-        told = self._two_places.reason or self._rounding.reason or self._scatter.reason
-        told = told or self.other_motion.reason() or self.latency.reason()
-        return told or self._walk_off.reason or self._rest_drift.reason
+        reason = self._two_places.reason or self._rounding.reason or self._scatter.reason
+        reason = reason or self.other_motion.reason() or self.latency.reason()
+        return reason or self._walk_off.reason or self._rest_drift.reason
 
     def second(self, t: float, is_still: bool) -> None:
         """Process a second up to ``t`` [s] in which the IMU shows rest, or not."""

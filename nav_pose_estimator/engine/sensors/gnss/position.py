@@ -35,7 +35,7 @@ from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
 from nav_pose_estimator.engine.solutions import Level
 
 _ANOTHER_PLACE = 5e4  # m: a reset by more means that the start was wrong, and the origin with it
-_SAME_STEP = 20.0  # s after which another height that is left out gives an event again
+_SAME_STEP = 20.0  # s without a rejected height after which the next one is an event again
 _EITHER = 0.71  # RMS error, relative to the step, where either of two height references may be right
 CHANCE = 2.5
 """Standard deviations by which two fixes minutes apart may differ."""
@@ -64,7 +64,7 @@ class GnssPositionSensor(Sensor):
         self._accuracy = StatedAccuracy("position")
         self.heights = HeightReference()
         self.slow_height = SlowHeight()
-        self._height_told = -math.inf  # s: time at which a height was last left out
+        self._height_reported = -math.inf  # s: time at which a height was last left out
         self.origin: tuple[float, float, float] | None = None
         self.resets = 0
         self.last_reset_m = math.nan  # size of the last reset
@@ -72,7 +72,7 @@ class GnssPositionSensor(Sensor):
         self.jump, self.contradiction = LastingJump(), Contradiction()
         self.pull = Pull(journal, parameters.gnss.reacquisition.probation)
         self.elsewhere = Elsewhere(journal, reception.rounding, reception.scatter)
-        self.abandons_origin = False  # the start was far from the true position, and with it the origin
+        self.abandons_origin = False  # whether the start, and with it the origin, was far from the true position
         self._velocity_apart = 0.0  # Mahalanobis distance of the velocity at the last fix
         self.gate_radius = math.nan  # m: largest horizontal innovation of an expected fix
 
@@ -109,8 +109,8 @@ class GnssPositionSensor(Sensor):
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
         """The guard's decision, with the covariance factor and the floors of all monitors."""
-        widening = self._doubted(o, f) if self._aiding.gnss_is_good(o.t) else 1.0
-        decision = self._ask_the_guard(o, f)
+        widening = self._consistency_factor(o, f) if self._aiding.gnss_is_good(o.t) else 1.0
+        decision = self._guard_decision(o, f)
         if self.velocity.doubt.is_hopeless(o.t) and o.t - self._aiding.fix_used < self._despair_gap:
             self.failure = "GNSS was never away, yet velocities differ, and positions too"
         (pulled, pull_speed), (far, high, fast) = self.pull.least_sd(), self.elsewhere.least_sd(_speed(f))
@@ -123,12 +123,12 @@ class GnssPositionSensor(Sensor):
 
     def doubt(self, t: float) -> str:
         """Why the position at ``t`` [s] is less certain than usual, one clause for the user; empty where it is not."""
-        told = self.jump.reason(t) or self.contradiction.reason(t) or self.elsewhere.reason() or self.pull.reason()
-        if told or not self._aiding.gnss_is_good(t):
-            return told
+        reason = self.jump.reason(t) or self.contradiction.reason(t) or self.elsewhere.reason() or self.pull.reason()
+        if reason or not self._aiding.gnss_is_good(t):
+            return reason
         return self.velocity.doubt.lately(t)
 
-    def _doubted(self, o: Observation, f: FilterView) -> float:
+    def _consistency_factor(self, o: Observation, f: FilterView) -> float:
         """Factor on the covariance by the consistency test of velocities and positions, with its events."""
         z, H, R = (part[:2] for part in self.linearise(o, f))
         doubt = self.velocity.doubt
@@ -141,7 +141,7 @@ class GnssPositionSensor(Sensor):
             self._journal.say(o.stamp_ns, "doubt.ended", Level.INFO, "navigator and GNSS agree again")
         return factor
 
-    def _ask_the_guard(self, o: Observation, f: FilterView) -> Decision:
+    def _guard_decision(self, o: Observation, f: FilterView) -> Decision:
         """Offer the fix to the guard, and turn its decision into one of the filter."""
         reference = self._height_reference(o, f)
         z, H, R = self.linearise(o, f)
@@ -163,7 +163,7 @@ class GnssPositionSensor(Sensor):
             strange = 0.0
         decision = self.guard.offer(o.t, fix, velocity, sd, predicted, predicted_sd, gap, strange)
         if decision.notice is not None:
-            self.reception.tell(o.stamp_ns, decision.notice, offset_m=math.hypot(*decision.offset), gap_s=gap)
+            self.reception.report(o.stamp_ns, decision.notice, offset_m=math.hypot(*decision.offset), gap_s=gap)
         self.contradiction.note(o.t, decision, self.guard.settings)
         if decision.action in ("wait", "reject"):
             self.reception.refuse(o.stamp_ns, decision.reason, in_words(decision.reason))
@@ -200,8 +200,8 @@ class GnssPositionSensor(Sensor):
             text = f"GNSS heights stay {off:+.1f} m off: taken as another reference (geoid, ellipsoid) and shifted back"
             self._journal.say(o.stamp_ns, "gnss.height.moved", Level.WARN, text, shift_m=self.heights.shift)
             return self.heights.shift
-        told, self._height_told = self._height_told, o.t
-        if o.t - told < _SAME_STEP:
+        last_report, self._height_reported = self._height_reported, o.t
+        if o.t - last_report < _SAME_STEP:
             self._journal.count("gnss.rejected.height")
         else:
             text = (
@@ -235,7 +235,7 @@ class GnssPositionSensor(Sensor):
             self.resets += 1
             self.last_reset_m = float(np.linalg.norm(z))
         elif o.decision.use is Use.GATED:
-            self.record.add(nis, z, self.reception.fix_period, believed=status == ACCEPTED)
+            self.record.add(nis, z, self.reception.fix_period, accepted=status == ACCEPTED)
             if status == 0:
                 reason = "gnss.rejected.position_innovation"
                 self.reception.refuse(o.stamp_ns, reason, "the position disagrees with the filter")
