@@ -34,8 +34,8 @@ def lost(misfit: float, position_misfit: float = 0.5) -> FilterView:
     tilt, velocity = at.PHI + 1, at.DVEL
     P[tilt, velocity] = P[velocity, tilt] = CORRELATION * TILT_SD * VELOCITY_SD
     view = FilterView(nav, P, constants)
-    shown = LossEvidence(1.0, np.array([position_misfit, 0.0]), np.array([misfit, 0.0]))
-    Fusion([gnss.loss], []).apply(Observation(0.0, 0, gnss.loss.kind, shown), view)
+    evidence = LossEvidence(1.0, np.array([position_misfit, 0.0]), np.array([misfit, 0.0]))
+    Fusion([gnss.loss], []).apply(Observation(0.0, 0, gnss.loss.kind, evidence), view)
     return view
 
 

@@ -47,7 +47,7 @@ def _look_at_motion(run: FilterRun) -> None:
     mean_rate = run.stillness.add(rows[first_after(rows, t - Stillness.PERIOD) :])
     rests = mean_rate is not None
     _watch_for_a_pull(run, rows, is_aided)
-    run.gnss.position.elsewhere.second(t, rests)
+    run.gnss.position.monitors.second(t, rests)
     run.gnss.reception.velocity_scatter.second(run.clock.stamp(t))
     if is_aided:
         _doubt_the_position(run, t)
@@ -66,7 +66,7 @@ def _watch_the_gyroscope(run: FilterRun, t: float, is_aided: bool) -> None:
         return
     motion = run.imu_physics.motion
     # velocities that are late or in wrong axes, and heavy vibration, are no evidence against the gyroscope
-    misled = motion.latency.delay or motion.shakes or run.gnss.reception.velocities.doubted
+    misled = motion.latency.delay or motion.vibrates or run.gnss.reception.velocities.doubted
     if misled or not is_aided:
         watch.evidence.skip()
         return
@@ -150,11 +150,11 @@ def _look_at_imu(run: FilterRun, t: float, end: float) -> None:
     )
     if run.timeline.running and is_aided:
         motion = run.imu_physics.motion
-        agreement, elsewhere = motion.agreement, run.gnss.position.elsewhere
+        agreement, monitors = motion.agreement, run.gnss.position.monitors
         is_noisy = run.gnss.reception.velocity_scatter.is_on  # what the last velocities before that showed was noise
         is_contradicted = agreement.is_contradicted and not is_noisy
-        elsewhere.other_motion.second(is_contradicted, agreement.apart, agreement.share, stamp_ns)
-        elsewhere.latency.found(0.0 if is_noisy else motion.latency.delay, run.parameters.gnss.delay, stamp_ns)
+        monitors.other_motion.second(is_contradicted, agreement.apart, agreement.share, stamp_ns)
+        monitors.latency.found(0.0 if is_noisy else motion.latency.delay, run.parameters.gnss.delay, stamp_ns)
     if run.imu_physics.heading.error and run.timeline.running:
         _turn_heading(run, stamp_ns)
     if run.timeline.running and (vibration.force_noise, vibration.rate_noise) != shaken:

@@ -49,7 +49,7 @@ class UnaidedVelocity:
         """Time up to which the velocity is propagated [s]."""
         return float(self._nav[at.TIME])
 
-    def carry(self, constants: np.ndarray, rows: np.ndarray, lever: np.ndarray) -> bool:
+    def propagate(self, constants: np.ndarray, rows: np.ndarray, lever: np.ndarray) -> bool:
         """Propagate over the IMU ``rows`` (N, 7) after ``time``; False where they are not another second."""
         if len(rows) == 0 or rows[-1, at.IMU_T] - self.time > _LONGEST_STEP:
             return False
@@ -98,7 +98,7 @@ class Pull:
         now = float(f.nav[at.TIME])
         if self._unaided:
             rows = rows[first_after(rows, self._unaided[0].time) :]
-            if not all(one.carry(f.constants, rows, lever) for one in self._unaided):
+            if not all(one.propagate(f.constants, rows, lever) for one in self._unaided):
                 self.interrupt()
         end = math.floor(now + 1e-6) - _LATE
         received = np.array(self._received).reshape(-1, 4)

@@ -61,15 +61,15 @@ class GnssLoss(Sensor):
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
         """By what was known when the loss was declared."""
-        shown = o.measured
-        stated = shown.factor * bias_noise.overstatement(f.nav) * f.P
+        evidence = o.measured
+        stated = evidence.factor * bias_noise.overstatement(f.nav) * f.P
         z, H, R = self.linearise(o, f)
         square = innovation(stated, z, H, R)
         is_inconsistent = square > _CHANCE_LIMIT
         widening = min(square / len(z), _LARGEST_WIDENING) if is_inconsistent else 1.0
-        east, north = (-shown.position).tolist()
-        once_more = is_inconsistent and shown.positions_agree
-        return Decision(Use.WIDENING, shown.factor, widening=widening, shift=(east, north), once_more=once_more)
+        east, north = (-evidence.position).tolist()
+        once_more = is_inconsistent and evidence.positions_agree
+        return Decision(Use.WIDENING, evidence.factor, widening=widening, shift=(east, north), once_more=once_more)
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
         """The mean innovation of the last velocities, of one second or of three, whichever is larger."""
@@ -148,7 +148,7 @@ class Gnss:
             figures[f"innovation.{sensor.kind.name}.lag_1"] = sensor.record.lag_one
         lasting = self.reception.lasting
         if lasting is not None:
-            figures |= lasting_error.figures(self._parameters, lasting.variance, self.reception.shown)
+            figures |= lasting_error.figures(self._parameters, lasting.variance, self.reception.identified)
         figures["gnss.noise.position_factor"] = self.position.noise.factor
         figures["gnss.noise.velocity_factor"] = self.velocity.noise.factor
         figures["gnss.gate_radius_m"] = self.position.gate_radius

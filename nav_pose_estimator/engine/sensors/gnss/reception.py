@@ -67,7 +67,7 @@ class GnssReception:
         self.enabled = True
         self.refusal = "no fix has arrived yet"
         self.satellites: int | None = None
-        self.shown = NoiseIdentification()  # noise identified in flight, set by the run
+        self.identified = NoiseIdentification()  # noise identified in flight, set by the run
         self.velocities = VelocityInput(journal)
         self.rounding, self.scatter = Rounding(journal), Scatter(journal)
         self.velocity_scatter = VelocityScatter(journal)
@@ -168,9 +168,9 @@ class GnssReception:
         shared = 1.0 + self._parameters.position_correlation / self.fix_period
         if in_filter and self.lasting is not None:
             self.lasting.receive(R)
-            R = lasting_error.white_position(R, shared, self.lasting.variance, self.shown)
+            R = lasting_error.white_position(R, shared, self.lasting.variance, self.identified)
         else:
-            R = R * self.shown.gnss_variance * shared
+            R = R * self.identified.gnss_variance * shared
         if self.scatter.is_on:
             horizontal, vertical = self.scatter.sd
             R[np.diag_indices(3)] += (horizontal**2, horizontal**2, vertical**2)
@@ -181,9 +181,9 @@ class GnssReception:
         cov = None if sample.cov_enu is None else self._known(sample.cov_enu, "velocity")
         R = _floored(cov, self._velocity_floor)
         if in_filter and self._parameters.error_states:
-            R = lasting_error.white_velocity(R, self._velocity_variance, self.shown)
+            R = lasting_error.white_velocity(R, self._velocity_variance, self.identified)
         else:
-            R = self.shown.gnss_variance * R
+            R = self.identified.gnss_variance * R
         if self.velocity_scatter.is_on:
             R[np.diag_indices(3)] += self.velocity_scatter.sd**2
         return R
