@@ -1,4 +1,4 @@
-"""Axes of GNSS velocities: proved by the way between fixes, never by a receiver that still converges."""
+"""Axes of GNSS velocities: proved by the displacement between fixes, never by a receiver that still converges."""
 
 import math
 
@@ -25,13 +25,13 @@ def follow(
 
 
 def travel(seconds: float, velocity: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Places (n, 2) m and velocities (n, 2) m/s of a straight way."""
+    """Places (n, 2) m and velocities (n, 2) m/s of a straight path."""
     t = np.arange(0.0, seconds, PERIOD)
     return np.outer(t, velocity), np.tile(velocity, (len(t), 1))
 
 
 def test_honest_velocities_are_never_suspected() -> None:
-    """GIVEN a way at 5 m/s WHEN the velocities are its own THEN nothing is proved against them."""
+    """GIVEN a path at 5 m/s WHEN the velocities are its own THEN nothing is proved against them."""
     check = VelocityCheck()
     follow(check, *travel(30.0, (3.0, 4.0)))
     assert not check.fault
@@ -40,7 +40,7 @@ def test_honest_velocities_are_never_suspected() -> None:
 
 @pytest.mark.parametrize(("velocities", "fault"), [((4.0, -1.0), NED), ((-4.0, -1.0), TURNED)])
 def test_wrong_axes_are_proved(velocities: tuple[float, float], fault: str) -> None:
-    """GIVEN a way at 4 m/s WHEN North and East are exchanged, or the axes turned, THEN it is proved, and which."""
+    """GIVEN a path at 4 m/s WHEN North and East are exchanged, or the axes turned, THEN it is proved, and which."""
     check = VelocityCheck()
     positions, _ = travel(30.0, (-1.0, 4.0))
     follow(check, positions, np.tile(velocities, (len(positions), 1)))
@@ -91,7 +91,7 @@ def test_a_suspicion_ends_where_nothing_moves() -> None:
 
 @pytest.mark.parametrize(("period", "dense"), [(0.2, True), (5.0, False)])
 def test_a_sum_over_sparse_velocities_says_nothing_of_clocks(period: float, dense: bool) -> None:
-    """Between them the vehicle may have bent its way: no clock is to be blamed for that."""
+    """Between them the vehicle may have turned: no clock is to be blamed for that."""
     maker, steps = StepMaker(), []
     for k in range(30):
         t, east = k * period, 0.15 + k * period * 8.0 / (6.371e6 * math.cos(0.8))

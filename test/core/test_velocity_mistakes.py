@@ -13,7 +13,7 @@ EARTH, LAT, PERIOD = 6.371e6, 0.8, 0.2
 
 
 def fly(check: VelocityCheck, wrong, seconds: float = 40.0, late: float = 0.0, period: float = PERIOD) -> VelocityCheck:
-    """A way that winds at 6 m/s; ``wrong`` gives what is said of a velocity."""
+    """A winding path at 6 m/s; ``wrong`` gives the received velocity."""
 
     def place(t: float) -> complex:
         return complex(60.0 * math.sin(0.1 * t), 40.0 * math.sin(0.13 * t + 0.5))
@@ -37,7 +37,7 @@ def received_with(mistake):
 
 @pytest.mark.parametrize("mistake", LINEAR, ids=lambda one: one.name)
 def test_every_mistake_is_told_from_all_others_and_undone(mistake) -> None:
-    """GIVEN a way with turns THEN the mistake is named, certain, and what it hides comes back to a twentieth."""
+    """GIVEN a path with turns THEN the mistake is named, certain, and what it hides comes back to a twentieth."""
     check = fly(VelocityCheck(), received_with(mistake))
     assert (check.fault, check.name) == (mistake.kind, mistake.name)
     assert check.certain

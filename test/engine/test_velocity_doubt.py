@@ -1,4 +1,4 @@
-"""Changes of a body velocity that the IMU did not feel, and the position error that they may cause."""
+"""Changes of a body velocity that the IMU did not measure, and the position error that they may cause."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def test_noise_is_no_change() -> None:
 
 
 def test_a_change_that_adds_up_in_seconds_is_one() -> None:
-    """GIVEN a velocity that pulls the filter by 1 m/s THEN that is the jump, and the possible way grows linearly."""
+    """GIVEN a velocity that pulls the filter by 1 m/s THEN that is the jump, and the position error grows linearly."""
     doubt = after([0.1] * 10)
     assert doubt.jump == pytest.approx(0.9, abs=0.15)
     assert position_sd(doubt, [0j] * 10, 0.0) == pytest.approx(10.0 * doubt.jump)

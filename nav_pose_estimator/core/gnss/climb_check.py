@@ -40,9 +40,9 @@ _UNITS = {"in feet": 3.281, "in cm": 100.0, "in mm": 1000.0, "positive down": -1
 
 # --- the state of the climb in progress: index of each quantity ------------------------------------------------------
 _T, _UP, _ALT = 0, 1, 2  # s, m/s, m: last height; the time is NaN while there is no climb
-_BEGIN, _START, _BARO_START = 3, 4, 5  # s, m, m: its begin, by heights and by the barometer (NaN without one)
+_BEGIN, _START, _BARO_START = 3, 4, 5  # s, m, m: its beginning, by heights and by the barometer (NaN without one)
 _INTEGRAL = 6  # m: integral of the vertical velocities
-_VERDICT, _RATIO = 7, 8  # last climb that has ended: index in ``_VERDICTS``, gain of height over that by the barometer
+_VERDICT, _RATIO = 7, 8  # last climb that has ended: index in ``_VERDICTS``, height change over the barometer's
 _SIZE = 9
 ENDED, FAR = 1, 2
 """Results of ``take_height``, to be added: a climb has ended; the height is far from the barometer's."""
@@ -65,7 +65,7 @@ class ClimbCheck:
     state: NDArray[np.float64] = field(default_factory=lambda: np.full(_SIZE, math.nan), init=False)
     """State of ``take_height``."""
     _verdicts: tuple[str, ...] = field(default=(), init=False)
-    _unit: str = field(default="", init=False)  # that the last wrong height looked like
+    _unit: str = field(default="", init=False)  # in which the last wrong height seemed to be
 
     @property
     def goes_up(self) -> bool:
@@ -85,7 +85,7 @@ class ClimbCheck:
         """Add a velocity [m/s] as received."""
         if up != 0.0:
             if self._zeros < math.inf and not self._verdicts:
-                self.suspect = False  # it is filled
+                self.suspect = False  # the field is filled
             self._zeros = math.inf
         elif east != 0.0 and north != 0.0 and self._zeros < math.inf:
             self._zeros += 1

@@ -266,7 +266,7 @@ def _speed(f: FilterView) -> float:
 def local(
     place: tuple[float, float, float], reference: float, height: float, origin: tuple[float, float, float] | None
 ) -> Vector3:
-    """A fix in the local frame (3,) [m], its height less ``reference``, or ``height`` where it has none."""
+    """A fix in the local frame (3,) [m], its height minus ``reference``, or ``height`` where it has none."""
     lat, lon, alt = place[0], place[1], place[2] - reference
     if math.isnan(alt):
         alt = height

@@ -30,7 +30,7 @@ _EVEN = 1.5  # largest ratio of two intervals in a second difference
 _LASTING = 3.0  # ratio of such noise to its part that does not average out
 
 # --- the state of a ``Scatter``: index of each quantity, with its size if that is not 1 ------------------------------
-_T, _PLACE = 0, 1  # s, (3) m: last fix; its East and North less the integral of the velocities, and its height
+_T, _PLACE = 0, 1  # s, (3) m: last fix; its East and North minus the integral of the velocities, and its height
 _BEFORE, _HEIGHT_BEFORE = 4, 5  # s, m: interval and height of the fix before it
 _FIXES = 6  # fixes without a pause, at most two
 _STEPS, _SECOND_DIFFERENCES = 7, 8  # numbers of differences so far
@@ -73,7 +73,7 @@ class StatedAccuracy:
 class Scatter:
     """Noise of positions from fix to fix that is not stated, as of reflections or a poor antenna.
 
-    The difference of two positions less that of the integrated velocities is free of motion, and its median is their
+    The difference of two positions minus that of the integrated velocities is free of motion, and its median is the
     drift. The lower quartile of what remains gives the deviation of the white noise: 0.4 m at most in sixteen recorded
     flights.
     ``sd`` (horizontal, vertical) [m]: deviations of the noise on each axis, zero unless established.
@@ -106,7 +106,7 @@ class Scatter:
     def fix(self, t: float, place: complex, height: float, stated: float, stamp_ns: int) -> None:
         """Add a fix valid at ``t`` [s].
 
-        ``place`` [m]: position less integrated velocity, East + i North; ``height`` [m], NaN without; ``stated`` [m]:
+        ``place`` [m]: position minus integrated velocity, East + i North; ``height`` [m], NaN without; ``stated`` [m]:
         horizontal deviation of a fix.
         """
         was_on = self.is_on
@@ -124,9 +124,9 @@ class VelocityScatter:
     """Noise of velocities from one to the next that is not stated, as where a driver derives them from positions.
 
     The navigator's velocity minus the receiver's, before an update, differs from that after the update before it by
-    what the IMU has measured meanwhile less the change of the receiver's velocity: free of motion, but for a steady
-    part due to the attitude. The deviation is 0.05 to 1.0 m/s in thirteen recorded flights, at most 1.6 times the
-    stated one.
+    what the IMU has measured meanwhile minus the change of the receiver's velocity: free of motion, except for a
+    steady part due to the attitude error. The deviation is 0.05 to 1.0 m/s in thirteen recorded flights, at most 1.6
+    times the stated one.
     ``sd`` [m/s]: deviation of the noise on each horizontal axis, zero unless established.
     """
 

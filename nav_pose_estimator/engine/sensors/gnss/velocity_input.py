@@ -39,7 +39,7 @@ class VelocityInput:
         """Whether the last velocity was exactly zero, as receivers send it that hold their position at rest."""
         self._is_withheld = self._is_corrected = False
         self.misled = False
-        """Whether the filter has just turned out to have used wrong velocities; to be cleared by the caller."""
+        """Whether wrong velocities that the filter has used were just found; to be cleared by the caller."""
         self.position_fault = ""
         """Established error of the positions, one clause for the user; empty without one."""
         self.integral = 0j
@@ -80,7 +80,7 @@ class VelocityInput:
             self._check.climb.baro = height
 
     def is_fresh(self, t: float) -> bool:
-        """Whether ``integral`` reaches to ``t`` [s], but for one interval."""
+        """Whether ``integral`` extends to ``t`` [s], up to one interval."""
         return abs(t - self._before[0]) < _LONGEST_STEP
 
     @property
