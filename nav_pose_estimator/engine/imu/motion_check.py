@@ -63,7 +63,7 @@ class MotionCheck:
         """Reduction of the squared misfit by using the velocities as received instead of the corrected ones."""
         self.heading = HeadingMonitor()
         self.agreement = MotionAgreement()
-        self.vibrates = False
+        self.shakes = False
         """Whether the IMU vibrates so heavily that its impulses do not show the motion."""
         self.latency = LatencyMonitor()
         self.body = BodyMotion()
@@ -130,7 +130,7 @@ class MotionCheck:
         self.body.compare(end - _WINDOW, seconds, gyro_bias, impulses, self._received.rows())
         received_misfit = self._misfit_of_received(seconds, received, biases)
         if forces is None:
-            if received is None and not self.vibrates and self._rests(end):
+            if received is None and not self.shakes and self._rests(end):
                 self.agreement.compare(impulses, np.tile([0.0, 0.0, G], (_WINDOW, 1)))
             return
         is_as_received = received is not None and np.array_equal(forces, received)
@@ -139,7 +139,7 @@ class MotionCheck:
         if received is not None:
             self.as_received_reduction += self.misfit**2 - received_misfit**2
         self.heading.compare(end - _WINDOW, impulses, forces)
-        if not self.vibrates:
+        if not self.shakes:
             self.agreement.compare(impulses, forces)
         if self.agreement.moves:
             self.latency.compare(impulses, self._received.forces(end + SHIFTS, _WINDOW, G))

@@ -102,7 +102,7 @@ class ImuPhysics:
         found = plausibility.find(list(self._seconds), gyro_bias is not None) or self.motion.finding
         self._tell(found, _LEAST < second.gravity < _MOST and self._lives(second), journal, stamp_ns)
         shaken = self.vibration.second(second, is_aided or gyro_bias is None, journal, stamp_ns)
-        self.motion.vibrates = self.vibration.is_heavy
+        self.motion.shakes = self.vibration.is_heavy
         return doubt if shaken is None else shaken if doubt is None else doubt.with_one_more(shaken)
 
     def _watch_clipping(self, rows: np.ndarray, doubt: Doubt | None, journal: Journal, stamp_ns: int) -> Doubt | None:

@@ -66,7 +66,7 @@ def _watch_the_gyroscope(run: FilterRun, t: float, is_aided: bool) -> None:
         return
     motion = run.imu_physics.motion
     # velocities that are late or in wrong axes, and heavy vibration, are no evidence against the gyroscope
-    misled = motion.latency.delay or motion.vibrates or run.gnss.reception.velocities.doubted
+    misled = motion.latency.delay or motion.shakes or run.gnss.reception.velocities.doubted
     if misled or not is_aided:
         watch.evidence.skip()
         return
