@@ -50,10 +50,10 @@ class Watched(InnovationRecord):
         self.all: list[list[float]] = []
         self.nis: list[float] = []
 
-    def add(self, nis: float, z: Sequence[float] | np.ndarray, period: float, believed: bool = True) -> None:
+    def add(self, nis: float, z: Sequence[float] | np.ndarray, period: float, accepted: bool = True) -> None:
         """Add and store an innovation."""
         row = [float(one) for one in z]
-        super().add(nis, row, period, believed)
+        super().add(nis, row, period, accepted)
         self.all.append([*row, np.nan][:3])
         self.nis.append(nis / len(row))
 

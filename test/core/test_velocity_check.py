@@ -1,4 +1,4 @@
-"""Axes of GNSS velocities: proved by the way between fixes, never by a receiver that still converges."""
+"""Axes of GNSS velocities: proved by the displacement between fixes, never by a receiver that still converges."""
 
 import math
 
@@ -13,35 +13,37 @@ EARTH, LAT = 6.371e6, 0.8
 PERIOD = 0.2  # s
 
 
-def follow(check: VelocityCheck, ways: np.ndarray, said: np.ndarray, start: float = 0.0, sd: float = 0.0) -> float:
-    """Fixes along ``ways`` (n, 2) m East, North with the velocities ``said`` (n, 2) m/s; returns the time after."""
-    for k, ((east, north), (v_east, v_north)) in enumerate(zip(ways, said, strict=True)):
+def follow(
+    check: VelocityCheck, positions: np.ndarray, velocities: np.ndarray, start: float = 0.0, sd: float = 0.0
+) -> float:
+    """Fixes at ``positions`` (n, 2) m East, North with ``velocities`` (n, 2) m/s; returns the time after."""
+    for k, ((east, north), (v_east, v_north)) in enumerate(zip(positions, velocities, strict=True)):
         t = start + k * PERIOD
         check.velocity(t, v_east, v_north, 0.1)
         check.fix(t, LAT + north / EARTH, east / (EARTH * math.cos(LAT)), 10.0, sd)
-    return start + len(ways) * PERIOD
+    return start + len(positions) * PERIOD
 
 
 def travel(seconds: float, velocity: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Places (n, 2) m and velocities (n, 2) m/s of a straight way."""
+    """Places (n, 2) m and velocities (n, 2) m/s of a straight path."""
     t = np.arange(0.0, seconds, PERIOD)
     return np.outer(t, velocity), np.tile(velocity, (len(t), 1))
 
 
 def test_honest_velocities_are_never_suspected() -> None:
-    """GIVEN a way at 5 m/s WHEN the velocities are its own THEN nothing is proved against them."""
+    """GIVEN a path at 5 m/s WHEN the velocities are its own THEN nothing is proved against them."""
     check = VelocityCheck()
     follow(check, *travel(30.0, (3.0, 4.0)))
     assert not check.fault
     assert not check.suspect
 
 
-@pytest.mark.parametrize(("said", "fault"), [((4.0, -1.0), NED), ((-4.0, -1.0), TURNED)])
-def test_wrong_axes_are_proved(said: tuple[float, float], fault: str) -> None:
-    """GIVEN a way at 4 m/s WHEN North and East are exchanged, or the axes turned, THEN it is proved, and which."""
+@pytest.mark.parametrize(("velocities", "fault"), [((4.0, -1.0), NED), ((-4.0, -1.0), TURNED)])
+def test_wrong_axes_are_proved(velocities: tuple[float, float], fault: str) -> None:
+    """GIVEN a path at 4 m/s WHEN North and East are exchanged, or the axes turned, THEN it is proved, and which."""
     check = VelocityCheck()
-    ways, _ = travel(30.0, (-1.0, 4.0))
-    follow(check, ways, np.tile(said, (len(ways), 1)))
+    positions, _ = travel(30.0, (-1.0, 4.0))
+    follow(check, positions, np.tile(velocities, (len(positions), 1)))
     assert check.fault == fault
 
 
@@ -50,8 +52,8 @@ def test_a_receiver_that_converges_proves_nothing(sd: float, suspected: bool) ->
     """GIVEN a receiver that drifts by 7 m against its own velocity WHEN it states how far it may be off
     THEN its axes are suspected only where the drift is many times that."""
     check = VelocityCheck()
-    ways, _ = travel(4.0, (2.0, -0.8))
-    follow(check, ways, np.tile((-1.4, 0.5), (len(ways), 1)), sd=sd)
+    positions, _ = travel(4.0, (2.0, -0.8))
+    follow(check, positions, np.tile((-1.4, 0.5), (len(positions), 1)), sd=sd)
     assert check.suspect is suspected
 
 
@@ -59,9 +61,9 @@ def test_positions_that_are_dragged_do_not_accuse_velocities_that_were_sound() -
     """GIVEN velocities that have led where positions went WHEN positions leave them in flight THEN no axes are blamed:
     a driver does not turn them in flight."""
     check = VelocityCheck()
-    ways, said = travel(60.0, (3.0, 4.0))
-    ways[200:] += np.outer(np.arange(len(ways) - 200) * PERIOD, (-4.0, 1.0))
-    follow(check, ways, said)
+    positions, velocities = travel(60.0, (3.0, 4.0))
+    positions[200:] += np.outer(np.arange(len(positions) - 200) * PERIOD, (-4.0, 1.0))
+    follow(check, positions, velocities)
     assert not check.fault
 
 
@@ -70,8 +72,8 @@ def test_a_velocity_of_nearly_nothing_is_in_no_wrong_axes() -> None:
     on converge by 30 m THEN the velocities are not accused."""
     check = VelocityCheck()
     t = np.arange(0.0, 20.0, PERIOD)
-    said = np.random.default_rng(2).normal(0.0, 0.05, (len(t), 2))
-    follow(check, np.outer(30.0 * np.exp(-t / 5.0), (0.8, -0.6)), said)
+    velocities = np.random.default_rng(2).normal(0.0, 0.05, (len(t), 2))
+    follow(check, np.outer(30.0 * np.exp(-t / 5.0), (0.8, -0.6)), velocities)
     assert not check.fault
     assert not check.suspect
 
@@ -79,17 +81,17 @@ def test_a_velocity_of_nearly_nothing_is_in_no_wrong_axes() -> None:
 def test_a_suspicion_ends_where_nothing_moves() -> None:
     """GIVEN one step against the axes WHEN the vehicle then stands THEN the suspicion does not outlast the stand."""
     check = VelocityCheck()
-    ways, _ = travel(2.2, (2.0, -0.8))
-    after = follow(check, ways, np.tile((-1.4, 0.5), (len(ways), 1)))
+    positions, _ = travel(2.2, (2.0, -0.8))
+    after = follow(check, positions, np.tile((-1.4, 0.5), (len(positions), 1)))
     assert check.suspect
-    rest = np.tile(ways[-1], (90, 1))
+    rest = np.tile(positions[-1], (90, 1))
     follow(check, rest, np.zeros_like(rest), start=after)
     assert not check.suspect
 
 
 @pytest.mark.parametrize(("period", "dense"), [(0.2, True), (5.0, False)])
 def test_a_sum_over_sparse_velocities_says_nothing_of_clocks(period: float, dense: bool) -> None:
-    """Between them the vehicle may have bent its way: no clock is to be blamed for that."""
+    """Between them the vehicle may have turned: no clock is to be blamed for that."""
     maker, steps = StepMaker(), []
     for k in range(30):
         t, east = k * period, 0.15 + k * period * 8.0 / (6.371e6 * math.cos(0.8))

@@ -13,7 +13,7 @@ EARTH, LAT, PERIOD = 6.371e6, 0.8, 0.2
 
 
 def fly(check: VelocityCheck, wrong, seconds: float = 40.0, late: float = 0.0, period: float = PERIOD) -> VelocityCheck:
-    """A way that winds at 6 m/s; ``wrong`` gives what is said of a velocity."""
+    """A winding path at 6 m/s; ``wrong`` gives the received velocity."""
 
     def place(t: float) -> complex:
         return complex(60.0 * math.sin(0.1 * t), 40.0 * math.sin(0.13 * t + 0.5))
@@ -21,14 +21,14 @@ def fly(check: VelocityCheck, wrong, seconds: float = 40.0, late: float = 0.0, p
     for k in range(round(seconds / period)):
         t = k * period
         true = (place(t - late + 0.05) - place(t - late - 0.05)) / 0.1
-        said = wrong(true)
-        check.velocity(t, said.real, said.imag, 0.1)
+        received = wrong(true)
+        check.velocity(t, received.real, received.imag, 0.1)
         here = place(t)
         check.fix(t, LAT + here.imag / EARTH, here.real / (EARTH * math.cos(LAT)), 10.0)
     return check
 
 
-def said_by(mistake):
+def received_with(mistake):
     """What a receiver with this mistake says: the inverse of ``undo``."""
     if mistake.kind == UNIT:
         return lambda v: v / mistake.a
@@ -37,12 +37,12 @@ def said_by(mistake):
 
 @pytest.mark.parametrize("mistake", LINEAR, ids=lambda one: one.name)
 def test_every_mistake_is_told_from_all_others_and_undone(mistake) -> None:
-    """GIVEN a way with turns THEN the mistake is named, certain, and what it hides comes back to a twentieth."""
-    check = fly(VelocityCheck(), said_by(mistake))
+    """GIVEN a path with turns THEN the mistake is named, certain, and what it hides comes back to a twentieth."""
+    check = fly(VelocityCheck(), received_with(mistake))
     assert (check.fault, check.name) == (mistake.kind, mistake.name)
     assert check.certain
-    hidden = said_by(mistake)(3.0 + 4.0j)
-    assert abs(complex(*check.mended(hidden.real, hidden.imag)) - (3.0 + 4.0j)) < 0.25
+    hidden = received_with(mistake)(3.0 + 4.0j)
+    assert abs(complex(*check.corrected(hidden.real, hidden.imag)) - (3.0 + 4.0j)) < 0.25
 
 
 def test_any_angle_is_found_and_undone() -> None:

@@ -5,7 +5,7 @@ import numpy as np
 from nav_pose_estimator.core.gnss.spoof_drift import WalkOff
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import Kind, Observation
-from nav_pose_estimator.engine.sensors.gnss.elsewhere import Elsewhere
+from nav_pose_estimator.engine.sensors.gnss.position_monitors import PositionMonitors
 from nav_pose_estimator.engine.sensors.gnss.rounding import Rounding
 from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import Scatter
 
@@ -15,7 +15,7 @@ PERIOD, SCATTER = 0.2, 8.0  # s, m
 def told(sd: float, drift: float, quiet: float = 20.0) -> list[str]:
     """Events of a receiver at rest whose fixes scatter by ``sd`` [m] and drift [m/s] for 50 s, and then are exact."""
     journal, rng = Journal(), np.random.default_rng(3)
-    elsewhere = Elsewhere(journal, Rounding(journal), Scatter(journal))
+    monitors = PositionMonitors(journal, Rounding(journal), Scatter(journal))
     for i in range(round((60.0 + quiet) / PERIOD)):
         t = i * PERIOD
         is_bad = 5.0 < t < 55.0
@@ -23,7 +23,7 @@ def told(sd: float, drift: float, quiet: float = 20.0) -> list[str]:
         if is_bad:
             east += drift * (t - 5.0)
         fix = Observation(t, i + 1, Kind("gnss_position"), None)
-        elsewhere.used(fix, (east, north, 0.0), (0.0, 0.0, 0.0), SCATTER)
+        monitors.used(fix, (east, north, 0.0), (0.0, 0.0, 0.0), SCATTER)
     return [event.name for event in journal.drain() if event.name in ("gnss.drift", "gnss.drift.ended")]
 
 

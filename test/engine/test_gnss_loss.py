@@ -15,7 +15,7 @@ from nav_pose_estimator.engine.observation import FilterView, Observation
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.fusion import Fusion
-from nav_pose_estimator.engine.sensors.gnss.receiver import Gnss, Shown
+from nav_pose_estimator.engine.sensors.gnss.receiver import Gnss, LossEvidence
 from nav_pose_estimator.engine.sensors.gnss.velocity import Misfit
 
 VELOCITY_SD, TILT_SD, CORRELATION = 0.2, math.radians(1.0), 0.9
@@ -34,8 +34,8 @@ def lost(misfit: float, position_misfit: float = 0.5) -> FilterView:
     tilt, velocity = at.PHI + 1, at.DVEL
     P[tilt, velocity] = P[velocity, tilt] = CORRELATION * TILT_SD * VELOCITY_SD
     view = FilterView(nav, P, constants)
-    shown = Shown(1.0, np.array([position_misfit, 0.0]), np.array([misfit, 0.0]))
-    Fusion([gnss.loss], []).apply(Observation(0.0, 0, gnss.loss.kind, shown), view)
+    evidence = LossEvidence(1.0, np.array([position_misfit, 0.0]), np.array([misfit, 0.0]))
+    Fusion([gnss.loss], []).apply(Observation(0.0, 0, gnss.loss.kind, evidence), view)
     return view
 
 

@@ -19,7 +19,7 @@ def look(
     C = quat_to_matrix(quat_from_euler(0.0, 0.0, yaw))
     for k in range(6 * windows + 1):
         monitor.attitude(k, quat_from_euler(tilt, 0.0, believed))
-        monitor.carry(k, STILL, np.zeros(3))
+        monitor.add_rotation(k, STILL, np.zeros(3))
         if k and k % 6 == 0:
             forces = np.column_stack([random.normal(0.0, size, (6, 2)), np.full(6, 9.8)])
             monitor.compare(k - 6, forces @ C + random.normal(0.0, 0.05, (6, 3)), forces)
@@ -55,7 +55,7 @@ def test_what_corrections_have_turned_since_is_taken_off() -> None:
     assert monitor.error != 0.0
     for k in range(13, 19):
         monitor.attitude(k, quat_from_euler(0.0, 0.0, 0.3))
-        monitor.carry(k, STILL, np.zeros(3))
+        monitor.add_rotation(k, STILL, np.zeros(3))
     forces = np.column_stack([np.random.default_rng(2).normal(0.0, 1.0, (6, 2)), np.full(6, 9.8)])
     monitor.compare(12, forces @ quat_to_matrix(quat_from_euler(0.0, 0.0, 0.3)), forces)
     assert monitor.error == 0.0

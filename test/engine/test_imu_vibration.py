@@ -62,7 +62,7 @@ def test_a_speed_beyond_all_that_was_casts_doubt_in_proportion() -> None:
     doubt = speed.unaided(30.0, 1.0, 20.0)
     assert doubt is not None
     assert doubt.speed == pytest.approx(21.0)
-    assert doubt.way == pytest.approx(140.0)
+    assert doubt.position == pytest.approx(140.0)
     assert "30 m/s" in speed.reason
     assert speed.unaided(31.0, 25.0, 21.0) is None, "it is covered now"
     speed.aided(6.0)

@@ -48,7 +48,7 @@ def test_the_offset_is_what_the_last_ten_seconds_have_in_common() -> None:
     record = record_of(np.tile([3.0, 0.0], (50, 1)))
     for z in np.tile([1.0, 0.0], (49, 1)):
         record.add(0.5, z, 0.2)
-    record.add(90.0, np.array([80.0, 0.0]), 0.2, believed=False)
+    record.add(90.0, np.array([80.0, 0.0]), 0.2, accepted=False)
     record.add(0.5, np.array([1.0, 0.0]), 0.2)
     np.testing.assert_allclose(record.offset, [1.0, 0.0])
     np.testing.assert_array_equal(InnovationRecord().offset, [0.0, 0.0])

@@ -211,7 +211,7 @@ def test_most_of_a_quiet_flight_is_routine(monkeypatch: pytest.MonkeyPatch) -> N
     """GIVEN a quiet flight WHEN it is fed at once THEN nearly every row is flown in long stretches, and nearly every
     observation acts by routine."""
     counts = {"rows": 0, "flights": 0, "acted": 0}
-    fly, tell = routine_flight.fly, Routine.tell
+    fly, report = routine_flight.fly, Routine.report
 
     def counted(*arguments: object) -> tuple[int, int, int]:
         done, acted, where = fly(*arguments)
@@ -219,12 +219,12 @@ def test_most_of_a_quiet_flight_is_routine(monkeypatch: pytest.MonkeyPatch) -> N
         counts["flights"] += 1
         return done, acted, where
 
-    def told(self: Routine, *arguments: object) -> None:
+    def counted_report(self: Routine, *arguments: object) -> None:
         counts["acted"] += 1
-        tell(self, *arguments)
+        report(self, *arguments)
 
     monkeypatch.setattr(routine_flight, "fly", counted)
-    monkeypatch.setattr(Routine, "tell", told)
+    monkeypatch.setattr(Routine, "report", counted_report)
     engine, samples = SinsEngine(Parameters()), quiet(np.random.default_rng(1))
     engine.feed_all(samples)
     aided = sum(value for name, value in engine.journal.counters.items() if name.startswith("gnss.used"))

@@ -9,7 +9,7 @@ from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.samples import GnssVelocity
-from nav_pose_estimator.engine.sensors.gnss.reception import Way
+from nav_pose_estimator.engine.sensors.gnss.reception import FixTrack
 from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import Scatter, VelocityScatter
 
 STATED = 1.5  # m
@@ -61,12 +61,12 @@ def test_it_ends() -> None:
 @pytest.mark.parametrize(("lat", "lon"), [(-33.9, 151.2), (67.0, 180.0), (-16.5, -180.0), (40.0, -90.0), (51.0, 0.0)])
 def test_the_place_of_a_fix_is_in_metres_anywhere(lat: float, lon: float) -> None:
     """GIVEN a vehicle anywhere WHEN it flies North, then East THEN its place moves just that far."""
-    way = Way()
+    track = FixTrack()
     flown = [complex(0.0, 10.0 * k) for k in range(31)] + [complex(10.0 * k, 300.0) for k in range(1, 31)]
     for place in flown:
         geodetic = enu_to_lla([place.real, place.imag, 0.0], math.radians(lat), math.radians(lon), 0.0)
-        way.add(float(geodetic[0]), math.remainder(float(geodetic[1]), math.tau))
-        assert abs(way.place - place) < 0.1
+        track.add(float(geodetic[0]), math.remainder(float(geodetic[1]), math.tau))
+        assert abs(track.position - place) < 0.1
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -1,4 +1,4 @@
-"""Changes of a body velocity that the IMU did not feel, and the position error that they may cause."""
+"""Changes of a body velocity that the IMU did not measure, and the position error that they may cause."""
 
 import numpy as np
 import pytest
@@ -16,10 +16,10 @@ def after(changes: list[float], innovation: float = 0.1, is_refused: bool = Fals
     return doubt
 
 
-def way(doubt: VelocityDoubt, velocities: list[complex], possible: float) -> float:
+def position_sd(doubt: VelocityDoubt, velocities: list[complex], possible: float) -> float:
     """Deviation of the position [m] on each axis after a second with each velocity [m/s]."""
     added = [doubt.second(velocity, possible) for velocity in velocities]
-    return float(np.sqrt(sum(one.way**2 for one in added if one is not None)))
+    return float(np.sqrt(sum(one.position**2 for one in added if one is not None)))
 
 
 def test_noise_is_no_change() -> None:
@@ -30,10 +30,10 @@ def test_noise_is_no_change() -> None:
 
 
 def test_a_change_that_adds_up_in_seconds_is_one() -> None:
-    """GIVEN a velocity that pulls the filter by 1 m/s THEN that is the jump, and the possible way grows linearly."""
+    """GIVEN a velocity that pulls the filter by 1 m/s THEN that is the jump, and the position error grows linearly."""
     doubt = after([0.1] * 10)
     assert doubt.jump == pytest.approx(0.9, abs=0.15)
-    assert way(doubt, [0j] * 10, 0.0) == pytest.approx(10.0 * doubt.jump)
+    assert position_sd(doubt, [0j] * 10, 0.0) == pytest.approx(10.0 * doubt.jump)
 
 
 def test_it_makes_velocity_and_tilt_uncertain_once() -> None:
@@ -87,5 +87,5 @@ def test_it_ends_with_gnss() -> None:
 def test_an_unknown_scale_costs_a_share_of_the_displacement() -> None:
     """GIVEN an error of half the velocity WHEN the vehicle moves by 40 m THEN that adds up to 20 m; a motion to and fro
     adds up to what its largest displacement does."""
-    assert way(VelocityDoubt(), [10.0 + 0j] * 4, 0.5) == pytest.approx(20.0)
-    assert way(VelocityDoubt(), [10.0 + 0j, -10.0 + 0j] * 20, 0.5) == pytest.approx(5.0)
+    assert position_sd(VelocityDoubt(), [10.0 + 0j] * 4, 0.5) == pytest.approx(20.0)
+    assert position_sd(VelocityDoubt(), [10.0 + 0j, -10.0 + 0j] * 20, 0.5) == pytest.approx(5.0)

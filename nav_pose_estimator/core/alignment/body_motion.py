@@ -26,7 +26,8 @@ from nav_pose_estimator.core.numerics.units import SPEEDS
 Array = NDArray[np.float64]
 _STORED = 1000  # velocities
 _RECENT = 100  # velocities from which the noise is estimated
-_BENDS = 1.18  # median squared second difference over the sum of variances: 1.5 times 2.37 (median of chi^2(3)), over 3
+# median squared second difference over the sum of variances: 1.5 times 2.37 (median of chi^2(3)), over 3
+_SECOND_DIFFERENCE = 1.18
 _DIFFERENCES = 10.0  # expected squares of six differences about their mean, over the sum of variances: 2 x 6 x 5/6
 _NEAR = 0.15  # s: half the interval around a whole second whose median velocity is used
 _ROTATIONS = 24  # rotations about z that are tested: every 15 deg
@@ -34,12 +35,12 @@ _LATE = (0.4, 0.8, 1.2)  # s: delays that are tested
 _MEMORY = 0.9  # forgetting factor of the evidence from one window to the next
 _VARIES = 0.8  # m/s: smallest variation (root of the sum of squares) of a window that is evaluated
 _NOISE_SHARE = 0.3  # largest fraction of its square that may be noise of the sensor
-_UNLIKE = 0.2  # unexplained fraction of the squared variation above which the velocity contradicts the IMU ...
-_ALIKE = 0.1  # ... and below which it agrees; a sound velocity leaves 0.03 in simulated flights, at most 0.1
+_CONTRADICTS = 0.2  # unexplained fraction of the squared variation above which the velocity contradicts the IMU ...
+_AGREES = 0.1  # ... and below which it agrees; a sound velocity leaves 0.03 in simulated flights, at most 0.1
 _BETTER, _FITS = 0.35, 0.15
 """A mistake must reduce the residual to less than these fractions: of the one as received, and of the variation."""
 _SUSPECT, _PROOF = 2, 3  # consecutive windows that make a velocity suspect, and that establish or clear a fault
-_UNNAMED, _QUITE_UNLIKE = 6, 0.5  # consecutive windows, and unexplained fraction, of a fault without a name
+_UNNAMED, _CONTRADICTS_CLEARLY = 6, 0.5  # consecutive windows, and unexplained fraction, of a fault without a name
 _MOVES = 1.0  # m/s: smallest speed over ground at which speeds are compared
 _SIZE, _SCATTER = 0.12, 0.1  # smallest relative scale error of a fault, and largest relative scatter about that scale
 _ENOUGH = 12  # s: least number of seconds of such speeds
@@ -94,17 +95,17 @@ class BodyMotion:
     """Whether windows in a row have confirmed the velocity, and nothing has contradicted it since."""
     _scale_error: float = field(default=math.inf, init=False)  # possible one, by the speed over ground
     _velocities: VelocityHistory = field(init=False)  # in b
-    _left: Array = field(init=False)
+    _residuals: Array = field(init=False)
     _is_size: bool = field(default=False, init=False)  # whether the fault is one of scale
     _varied: float = field(default=0.0, init=False)
-    _unlike: int = field(default=0, init=False)
-    _strange: int = field(default=0, init=False)
-    _alike: int = field(default=0, init=False)
+    _contradicting: int = field(default=0, init=False)
+    _clear_contradictions: int = field(default=0, init=False)
+    _agreeing: int = field(default=0, init=False)
     _wins: Array = field(init=False)
-    _sizes: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=60), init=False)
+    _speeds: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=60), init=False)
 
     def __post_init__(self) -> None:
-        self._left, self._wins = np.zeros(len(_MISTAKES)), np.zeros(len(_MISTAKES), int)
+        self._residuals, self._wins = np.zeros(len(_MISTAKES)), np.zeros(len(_MISTAKES), int)
         self._velocities = VelocityHistory(_STORED)
 
     @property
@@ -121,18 +122,18 @@ class BodyMotion:
     def forget_time(self) -> None:
         """The clock changed: forget the samples, keep the established fault."""
         self._velocities = VelocityHistory(_STORED)
-        self._sizes.clear()
+        self._speeds.clear()
 
     def velocity(self, t: float, velocity: Array) -> None:
         """Add a velocity (3,) [m/s] in b valid at ``t`` [s]; it is ignored unless it is later than the last one."""
         self._velocities.add(t, *velocity.tolist())
 
-    def compare(self, begin: float, seconds: Array, gyro_bias: Array, felt: Array, over_ground: Array) -> None:
+    def compare(self, begin: float, seconds: Array, gyro_bias: Array, impulses: Array, over_ground: Array) -> None:
         """Compare a window: ``seconds`` (S, 2, BINS, 3) of the IMU from ``begin`` [s] on (``motion_history``).
 
-        ``gyro_bias`` (3,) [rad/s]: included in their rates. ``felt`` (S, 3) [m/s]: their integrals of specific force
-        without that bias, in the axes of b at ``begin``. ``over_ground`` (N, 4): times [s] and velocities ENU [m/s] of
-        GNSS.
+        ``gyro_bias`` (3,) [rad/s]: included in their rates. ``impulses`` (S, 3) [m/s]: their integrals of specific
+        force without that bias, in the axes of b at ``begin``. ``over_ground`` (N, 4): times [s] and velocities ENU
+        [m/s] of GNSS.
         """
         known = self._velocities.rows()
         if not len(known) or known[-1, 0] < begin:
@@ -143,50 +144,51 @@ class BodyMotion:
             return
         self._compare_sizes(times, measured[0.0], over_ground)
         self.is_proven = self.is_proven and not self.fault
-        felt = felt - felt.mean(axis=0)
-        varied = float(np.vdot(felt, felt))
+        impulses = impulses - impulses.mean(axis=0)
+        varied = float(np.vdot(impulses, impulses))
         noise = _noise(known[-_RECENT:])
         if not varied > max(_VARIES**2, noise / _NOISE_SHARE):
             return
         rotations = _attitudes(seconds[:, ANGLE], gyro_bias)
-        left = np.full(len(_MISTAKES), math.inf)
+        residuals = np.full(len(_MISTAKES), math.inf)
         for i, mistake in enumerate(_MISTAKES):
             velocities = measured[mistake.late]
             if velocities is None:
                 continue
             changes = np.diff(np.einsum("kij,kj->ki", rotations, velocities @ mistake.axes.T), axis=0)
             changes -= changes.mean(axis=0)
-            left[i] = max(float(np.square(changes - felt).sum()) - noise, 0.0)
-        self._weigh(left, varied, noise)
+            residuals[i] = max(float(np.square(changes - impulses).sum()) - noise, 0.0)
+        self._weigh(residuals, varied, noise)
 
-    def _weigh(self, left: Array, varied: float, noise: float) -> None:
+    def _weigh(self, residuals: Array, varied: float, noise: float) -> None:
         """Add the evidence of a window.
 
-        ``left`` (H,): squared residual of each mistake beyond the expected ``noise``; ``varied``: squared variation.
+        ``residuals`` (H,): squared residual of each mistake beyond the ``noise``; ``varied``: squared variation.
         """
-        self._left = _MEMORY * self._left + np.minimum(left, 4.0 * varied)
+        self._residuals = _MEMORY * self._residuals + np.minimum(residuals, 4.0 * varied)
         self._varied = _MEMORY * self._varied + varied
-        wins = (left < _BETTER * left[0]) & (left[0] > _ALIKE * varied)
+        wins = (residuals < _BETTER * residuals[0]) & (residuals[0] > _AGREES * varied)
         self._wins = np.where(wins, self._wins + 1, 0)
         # by chance a window has up to twice the expected noise
-        self._unlike = self._unlike + 1 if left[0] > _UNLIKE * varied + noise else 0
-        self._strange = self._strange + 1 if left[0] > _QUITE_UNLIKE * varied else 0
-        self._alike = self._alike + 1 if left[0] < _ALIKE * varied else 0
-        self.suspect = self._unlike >= _SUSPECT or (self.suspect and not self._alike)
+        self._contradicting = self._contradicting + 1 if residuals[0] > _CONTRADICTS * varied + noise else 0
+        is_clear = residuals[0] > _CONTRADICTS_CLEARLY * varied
+        self._clear_contradictions = self._clear_contradictions + 1 if is_clear else 0
+        self._agreeing = self._agreeing + 1 if residuals[0] < _AGREES * varied else 0
+        self.suspect = self._contradicting >= _SUSPECT or (self.suspect and not self._agreeing)
         self._name()
-        self.is_proven = not (self.suspect or self.fault) and (self.is_proven or self._alike >= _PROOF)
+        self.is_proven = not (self.suspect or self.fault) and (self.is_proven or self._agreeing >= _PROOF)
 
     def _name(self) -> None:
         """Establish or clear a fault by the evidence so far."""
-        if self._alike >= _PROOF and not self._is_size:
+        if self._agreeing >= _PROOF and not self._is_size:
             self.fault = ""
-        if self.fault or self._left[0] < _ALIKE * self._varied:
+        if self.fault or self._residuals[0] < _AGREES * self._varied:
             return
-        best = int(np.argmin(self._left))
-        fits = self._left[best] < min(_BETTER * self._left[0], _FITS * self._varied)
+        best = int(np.argmin(self._residuals))
+        fits = self._residuals[best] < min(_BETTER * self._residuals[0], _FITS * self._varied)
         if fits and self._wins[best] >= _PROOF:
             self.fault = _MISTAKES[best].words
-        elif self._strange >= _UNNAMED:
+        elif self._clear_contradictions >= _UNNAMED:
             self.fault = "its changes contradict the IMU: is it in another frame (East-North-Up), or another vehicle's?"
 
     def _compare_sizes(self, times: Array, velocities: Array, over_ground: Array) -> None:
@@ -196,14 +198,14 @@ class BodyMotion:
         new = len(times) // 2  # the first half was in the window before
         speeds = np.interp(times[new:], over_ground[:, 0], np.linalg.norm(over_ground[:, 1:], axis=1))
         sizes = np.linalg.norm(velocities[new:], axis=1)
-        self._sizes.extend((a, b) for a, b in zip(speeds.tolist(), sizes.tolist(), strict=True) if a > _MOVES)
-        if len(self._sizes) < _ENOUGH or (self.fault and not self._is_size):
+        self._speeds.extend((a, b) for a, b in zip(speeds.tolist(), sizes.tolist(), strict=True) if a > _MOVES)
+        if len(self._speeds) < _ENOUGH or (self.fault and not self._is_size):
             return
-        a, b = np.array(self._sizes).T
+        a, b = np.array(self._speeds).T
         scale = float(a @ b) / max(float(a @ a), 1e-12)
         scatter = float(np.square(b - scale * a).sum()) / max(float(b @ b), 1e-12)
         self._is_size = abs(scale - 1.0) > _SIZE and scatter < _SCATTER**2
-        self._scale_error = abs(scale - 1.0) + math.sqrt(scatter / len(self._sizes))
+        self._scale_error = abs(scale - 1.0) + math.sqrt(scatter / len(self._speeds))
         unit = next((name for name, size in SPEEDS.items() if abs(scale / size - 1.0) < 0.5 * _SIZE), "")
         words = f"it looks like {unit} instead of m/s" if unit else f"its size is {scale:.2g} times the speed"
         self.fault = (self.fault or words) if self._is_size else ""
@@ -214,8 +216,8 @@ def _noise(known: Array) -> float:
     t, velocities = known[:, 0], known[:, 1:]
     if len(t) < 3:
         return 0.0
-    bends = velocities[1:-1] - 0.5 * (velocities[2:] + velocities[:-2])
-    variance = float(np.median(np.square(bends).sum(axis=1))) / _BENDS
+    second_differences = velocities[1:-1] - 0.5 * (velocities[2:] + velocities[:-2])
+    variance = float(np.median(np.square(second_differences).sum(axis=1))) / _SECOND_DIFFERENCE
     in_a_median = max(2.0 * _NEAR * (len(t) - 1) / max(float(t[-1] - t[0]), 1e-3), 1.0)
     return _DIFFERENCES * variance / in_a_median
 

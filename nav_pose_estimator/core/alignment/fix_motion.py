@@ -54,7 +54,7 @@ def _speed(fixes: deque[Fix]) -> float:
     """Lower bound of the horizontal speed [m/s], from a straight line fitted through ``fixes``."""
     first = fixes[0]
     r_m, r_n = radii(first.position[0])
-    way = [
+    displacements = [
         (
             math.remainder(fix.position[1] - first.position[1], 2.0 * math.pi) * r_n * math.cos(first.position[0]),
             (fix.position[0] - first.position[0]) * r_m,
@@ -63,9 +63,9 @@ def _speed(fixes: deque[Fix]) -> float:
     ]
     t = np.array([fix.t for fix in fixes]) - first.t
     t -= t.mean()
-    east, north = np.array(way).T
+    east, north = np.array(displacements).T
     power = float(t @ t)
     slopes = np.array([t @ east, t @ north]) / power
-    left = np.array([east - east.mean() - slopes[0] * t, north - north.mean() - slopes[1] * t])
-    sd = math.sqrt(float(np.sum(left**2)) / (len(t) - 2) / power)
+    residuals = np.array([east - east.mean() - slopes[0] * t, north - north.mean() - slopes[1] * t])
+    sd = math.sqrt(float(np.sum(residuals**2)) / (len(t) - 2) / power)
     return float(np.hypot(*slopes)) - _SURE * sd

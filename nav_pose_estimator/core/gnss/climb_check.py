@@ -18,15 +18,15 @@ from nav_pose_estimator.core.numerics.jit import kernel
 _PAUSE = 6.0  # s: longest pause over which velocities are integrated
 _LONGEST = 20.0  # s: longest climb, so that velocity biases of 0.1 m/s do not matter
 _SCATTER_LEAST = 2.0  # m: smallest tolerance of a difference of heights
-_SHARE = 0.3  # relative tolerance of a climb
+_RELATIVE_TOLERANCE = 0.3  # relative tolerance of a climb
 _STEEPEST = 60.0  # m/s: faster changes of the height are jumps
 _CLIMB = 6.0  # m: smallest climb that is evaluated
 _CLIMB_TO_SCATTER = 3.0  # ... and its smallest ratio to the tolerance
 _PROOF = 2  # consecutive climbs that establish a fault
-_CURE = 3  # consecutive climbs that clear it
+_CLEAR = 3  # consecutive climbs that clear it
 _UNFILLED = 10  # samples with a vertical velocity of exactly zero from the start, after which it is suspect
 _HIGH, _NO_WEATHER = 300.0, 500.0  # m: height above which a unit is tested; difference that weather cannot cause
-_LIKE = 0.25  # relative tolerance of a ratio that identifies a unit
+_UNIT_TOLERANCE = 0.25  # relative tolerance of a ratio that identifies a unit
 
 SILENT, DOWN, OTHER = "silent", "down", "other"
 """Faults of a vertical velocity: not filled in; positive down; wrong in another way according to the barometer."""
@@ -40,9 +40,9 @@ _UNITS = {"in feet": 3.281, "in cm": 100.0, "in mm": 1000.0, "positive down": -1
 
 # --- the state of the climb in progress: index of each quantity ------------------------------------------------------
 _T, _UP, _ALT = 0, 1, 2  # s, m/s, m: last height; the time is NaN while there is no climb
-_BEGIN, _START, _BARO_START = 3, 4, 5  # s, m, m: its begin, by heights and by the barometer (NaN without one)
-_SUMMED = 6  # m: integral of the vertical velocities
-_VERDICT, _RATIO = 7, 8  # last climb that has ended: index in ``_VERDICTS``, gain of height over that by the barometer
+_BEGIN, _START, _BARO_START = 3, 4, 5  # s, m, m: its beginning, by heights and by the barometer (NaN without one)
+_INTEGRAL = 6  # m: integral of the vertical velocities
+_VERDICT, _RATIO = 7, 8  # last climb that has ended: index in ``_VERDICTS``, height change over the barometer's
 _SIZE = 9
 ENDED, FAR = 1, 2
 """Results of ``take_height``, to be added: a climb has ended; the height is far from the barometer's."""
@@ -65,7 +65,7 @@ class ClimbCheck:
     state: NDArray[np.float64] = field(default_factory=lambda: np.full(_SIZE, math.nan), init=False)
     """State of ``take_height``."""
     _verdicts: tuple[str, ...] = field(default=(), init=False)
-    _unit: str = field(default="", init=False)  # that the last wrong height looked like
+    _unit: str = field(default="", init=False)  # in which the last wrong height seemed to be
 
     @property
     def goes_up(self) -> bool:
@@ -85,7 +85,7 @@ class ClimbCheck:
         """Add a velocity [m/s] as received."""
         if up != 0.0:
             if self._zeros < math.inf and not self._verdicts:
-                self.suspect = False  # it is filled
+                self.suspect = False  # the field is filled
             self._zeros = math.inf
         elif east != 0.0 and north != 0.0 and self._zeros < math.inf:
             self._zeros += 1
@@ -102,16 +102,16 @@ class ClimbCheck:
     def _note(self, verdict: str, ratio: float) -> None:
         if verdict == _HEIGHT:
             self._unit = _unit(ratio) or "in another unit, or stuck"
-        self._verdicts = (*self._verdicts, verdict)[-_CURE:]
+        self._verdicts = (*self._verdicts, verdict)[-_CLEAR:]
         self.suspect = verdict in (SILENT, DOWN, OTHER)
         last = self._verdicts[-_PROOF:]
         if len(last) == _PROOF and last[0] == last[1] and last[0] in (SILENT, DOWN):
             self.fault = last[0]
-        elif self._verdicts == (OTHER,) * _CURE:
+        elif self._verdicts == (OTHER,) * _CLEAR:
             self.fault = OTHER
         elif len(last) == _PROOF and last[0] == last[1] == _HEIGHT:
             self.height_fault = self._unit
-        elif len(self._verdicts) == _CURE and not any(self._verdicts):
+        elif len(self._verdicts) == _CLEAR and not any(self._verdicts):
             self.fault = self.height_fault = ""
 
 
@@ -130,18 +130,18 @@ def take_height(state, t, alt, up, variance, baro):
     if not follows or abs(alt - state[_ALT]) > _STEEPEST * seconds + _SCATTER_LEAST:  # heights that jump are not used
         _begin(state, t, alt, up, baro)
         return found
-    state[_SUMMED] += 0.5 * seconds * (state[_UP] + up)
+    state[_INTEGRAL] += 0.5 * seconds * (state[_UP] + up)
     state[_T], state[_UP], state[_ALT] = t, up, alt
-    gained, summed, by_baro = alt - state[_START], state[_SUMMED], baro - state[_BARO_START]
+    height_change, integral, baro_change = alt - state[_START], state[_INTEGRAL], baro - state[_BARO_START]
     scatter = max(_SCATTER_LEAST, 8.0 * math.sqrt(variance))  # heights scatter twice as much
-    climbed = max(min(abs(gained), abs(by_baro)), abs(summed))
+    climbed = max(min(abs(height_change), abs(baro_change)), abs(integral))
     if climbed < max(_CLIMB, _CLIMB_TO_SCATTER * scatter):
         return found
-    undecided = abs(gained - summed) > scatter and max(abs(gained), abs(summed)) < 2.0 * _CLIMB
-    if undecided and _agree(gained, summed, scatter):
+    undecided = abs(height_change - integral) > scatter and max(abs(height_change), abs(integral)) < 2.0 * _CLIMB
+    if undecided and _agree(height_change, integral, scatter):
         return found  # a longer climb decides
-    state[_VERDICT] = _verdict(gained, summed, by_baro, scatter)
-    state[_RATIO] = gained / by_baro if by_baro != 0.0 else math.inf
+    state[_VERDICT] = _verdict(height_change, integral, baro_change, scatter)
+    state[_RATIO] = height_change / baro_change if baro_change != 0.0 else math.inf
     _begin(state, t, alt, up, baro)
     return found + ENDED
 
@@ -157,29 +157,29 @@ def _begin(state, t, alt, up, baro):
     """Begin a climb."""
     state[_T], state[_UP], state[_ALT] = t, up, alt
     state[_BEGIN], state[_START], state[_BARO_START] = t, alt, baro
-    state[_SUMMED] = 0.0
+    state[_INTEGRAL] = 0.0
 
 
 @kernel
-def _verdict(gained, summed, by_baro, scatter):
+def _verdict(height_change, integral, baro_change, scatter):
     """Result of a climb, as an index in ``_VERDICTS``."""
-    if _agree(gained, summed, scatter):
+    if _agree(height_change, integral, scatter):
         return _IS_SOUND
-    if math.isfinite(by_baro) and not _agree(gained, by_baro, scatter):
-        return _IS_HEIGHT if _agree(summed, by_baro, scatter) else _IS_UNCLEAR
-    if _agree(gained, -summed, scatter):
+    if math.isfinite(baro_change) and not _agree(height_change, baro_change, scatter):
+        return _IS_HEIGHT if _agree(integral, baro_change, scatter) else _IS_UNCLEAR
+    if _agree(height_change, -integral, scatter):
         return _IS_DOWN
-    if abs(summed) < 0.1 * abs(gained):
+    if abs(integral) < 0.1 * abs(height_change):
         return _IS_SILENT
-    return _IS_OTHER if math.isfinite(by_baro) and abs(gained) > 0.6 * _CLIMB else _IS_UNCLEAR
+    return _IS_OTHER if math.isfinite(baro_change) and abs(height_change) > 0.6 * _CLIMB else _IS_UNCLEAR
 
 
 @kernel
 def _agree(a, b, scatter):
     """Whether two climbs [m] agree."""
-    return abs(a - b) <= scatter + _SHARE * max(abs(a), abs(b))
+    return abs(a - b) <= scatter + _RELATIVE_TOLERANCE * max(abs(a), abs(b))
 
 
 def _unit(ratio: float) -> str:
     """Error of a height that is ``ratio`` times the true one, in words; empty where nothing fits."""
-    return next((words for words, numbers in _UNITS.items() if abs(ratio / numbers - 1.0) < _LIKE), "")
+    return next((words for words, numbers in _UNITS.items() if abs(ratio / numbers - 1.0) < _UNIT_TOLERANCE), "")

@@ -19,15 +19,15 @@ _STALE = 12.0  # s: older velocities are dropped
 OFF = 4.0
 """Mahalanobis distance of a position above which it contributes to a doubt."""
 _OFF_TIME = 2.0  # s
-_OFF_COUNT = 5  # ... and fixes at least: of noise one in 81 points the same way so often
-_SAME_WAY = 0.5  # cosine of the angle between two innovations
+_OFF_COUNT = 5  # ... and fixes at least: noise has the same direction that often in one case of 81
+_SAME_DIRECTION = 0.5  # cosine of the angle between two innovations
 _PERIOD = 1.0  # s between two enlargements of the covariance
-_WIDENED = 4  # enlargements per doubt; if these do not help, the covariance is not the cause
+_MOST_ENLARGEMENTS = 4  # enlargements per doubt; if these do not help, the covariance is not the cause
 _LARGEST_FACTOR = 9.0  # largest factor on the covariance at a time
-_LINGERS = 8.0  # s after its end for which a doubt is still reported
+_REPORTED_AFTER = 8.0  # s after its end for which a doubt is still reported
 HOPELESS = 6.0
 """s of doubt about velocity and position together after which the filter has to be restarted."""
-_EASED = 0.2  # fraction of rejected velocities below which a doubt ends
+_ENDED = 0.2  # fraction of rejected velocities below which a doubt ends
 
 
 @dataclass(eq=False)
@@ -40,16 +40,16 @@ class Doubt:
     _off_since: float = field(default=math.inf, init=False)
     _off: float = field(default=0.0, init=False)
     _off_count: int = field(default=0, init=False)
-    _position_way: tuple[float, ...] = field(default=(), init=False)  # the last innovation of each
-    _velocity_way: tuple[float, ...] = field(default=(), init=False)
-    _widened: float = field(default=-math.inf, init=False)
-    _times: int = field(default=0, init=False)
+    _position_innovation: tuple[float, ...] = field(default=(), init=False)  # the last innovation of each
+    _velocity_innovation: tuple[float, ...] = field(default=(), init=False)
+    _last_enlargement: float = field(default=-math.inf, init=False)
+    _enlargements: int = field(default=0, init=False)
     _both_since: float = field(default=math.inf, init=False)
     _last: tuple[float, str] = field(default=(-math.inf, ""), init=False)  # when [s] and why it was in doubt
 
     def lately(self, t: float) -> str:
         """``reason``, also for some seconds after its end: an enlarged covariance agrees with GNSS, right or wrong."""
-        if self.reason or t - self._last[0] > _LINGERS:
+        if self.reason or t - self._last[0] > _REPORTED_AFTER:
             return self.reason
         return f"until {max(t - self._last[0], 0.0):.0f} s ago {self._last[1]}"
 
@@ -58,10 +58,10 @@ class Doubt:
 
         ``innovation`` (3,) or (2,) [m/s] gives the direction of its error.
         """
-        before, self._velocity_way = self._velocity_way, tuple(innovation)
+        before, self._velocity_innovation = self._velocity_innovation, tuple(innovation)
         recent = [one for one in self._velocities if t - one[0] < _STALE]
-        told = refusal if refusal and _is_same_way(before, innovation) else 0.0
-        self._velocities = [*recent, (t, told, nis)][-_COUNT:]
+        counted = refusal if refusal and _is_same_direction(before, innovation) else 0.0
+        self._velocities = [*recent, (t, counted, nis)][-_COUNT:]
 
     def position(self, t: float, deviations: float, innovation: Sequence[float]) -> float:
         """Add a position at ``t`` [s] with Mahalanobis distance ``deviations`` and horizontal ``innovation`` (2,) [m].
@@ -74,15 +74,15 @@ class Doubt:
             self.reason = f"it refuses {100.0 * refused:.0f} % of the GNSS velocities"
         elif t - self._off_since >= _OFF_TIME and self._off_count >= _OFF_COUNT:
             self.reason = f"GNSS positions have been {deviations:.0f} sigma off for {t - self._off_since:.0f} s"
-        elif refused <= _EASED and deviations <= OFF:
-            self.reason, self._times, self._both_since = "", 0, math.inf
+        elif refused <= _ENDED and deviations <= OFF:
+            self.reason, self._enlargements, self._both_since = "", 0, math.inf
         if self.reason:
             self._last = t, self.reason
         if refused >= _REFUSED and deviations > OFF:
             self._both_since = min(self._both_since, t)
-        if not self.reason or self._times >= _WIDENED or t - self._widened < _PERIOD:
+        if not self.reason or self._enlargements >= _MOST_ENLARGEMENTS or t - self._last_enlargement < _PERIOD:
             return 1.0
-        self._widened, self._times = t, self._times + 1
+        self._last_enlargement, self._enlargements = t, self._enlargements + 1
         weight = max(self._velocity_nis(), self._off**2 / 3.0, 1.0)
         return min(weight, _LARGEST_FACTOR)
 
@@ -110,11 +110,11 @@ class Doubt:
 
     def _note_off(self, t: float, deviations: float, innovation: Sequence[float]) -> None:
         """Update the time since which positions have been off in the same direction."""
-        before, self._position_way = self._position_way, tuple(innovation)
+        before, self._position_innovation = self._position_innovation, tuple(innovation)
         if deviations <= OFF:
             self.agrees()
             return
-        if not _is_same_way(before, innovation):
+        if not _is_same_direction(before, innovation):
             self._off_since, self._off_count, self._both_since = t, 0, math.inf
         self._off_since, self._off = min(self._off_since, t), deviations
         self._off_count += 1
@@ -130,9 +130,9 @@ class Doubt:
         return sum(one[1] for one in self._velocities) / _COUNT
 
 
-def _is_same_way(before: Sequence[float], now: Sequence[float]) -> bool:
+def _is_same_direction(before: Sequence[float], now: Sequence[float]) -> bool:
     """Whether two innovations have the same direction; True without an earlier one."""
     if not before or len(before) != len(now):
         return True
     along = sum([a * b for a, b in zip(before, now, strict=True)])
-    return along > _SAME_WAY * math.hypot(*before) * math.hypot(*now)
+    return along > _SAME_DIRECTION * math.hypot(*before) * math.hypot(*now)

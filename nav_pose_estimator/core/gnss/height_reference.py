@@ -61,7 +61,7 @@ class HeightReference:
         """Decide on a height valid at ``t`` [s]: ``USED``, ``LEFT_OUT`` or ``MOVED`` (used with a new ``shift``).
 
         Args:
-            off: height less ``shift`` minus the filter's height [m].
+            off: height minus ``shift`` and minus the filter's height [m].
             bound: largest ``off`` of a good height [m].
             scatter: largest difference of two consecutive heights by noise [m].
             known: whether fixes have corrected the filter's height up to now.

@@ -23,7 +23,7 @@ _PROVED, _CLEARED = 5.0, 0.0  # 2 ln(odds) at which a delay is established, and 
 _WORST = 10.0  # cap of the squared normalised residual of one step
 _EXPLAINED = 5.0  # largest squared normalised residual with which a step may raise the odds of a delay
 _TIMING = 0.15  # s: uncertainty of a delay, half of the distance to the next candidate
-_TURNS = 6.0  # m/s: limit of the change of velocity within a step; more is noise
+_LARGEST_CHANGE = 6.0  # m/s: limit of the change of velocity within a step; more is noise
 _SCALE = 0.05  # standard deviation of the displacement relative to it
 _ROWS = 256  # rows of integrated velocities at first, enough for 10 Hz
 _MISSING = -1.0  # in place of a squared residual
@@ -65,13 +65,17 @@ class Lateness:
         before = self.delay
         while self._waiting and self._waiting[0].end + DELAYS[-1] <= t:
             s = self._waiting.popleft()
-            variance = s.floor**2 + (_SCALE * abs(s.way)) ** 2 + (_TIMING * min(s.turn, _TURNS)) ** 2
+            variance = (
+                s.floor**2
+                + (_SCALE * abs(s.displacement)) ** 2
+                + (_TIMING * min(s.velocity_change, _LARGEST_CHANGE)) ** 2
+            )
             self.delay = float(_judge_delays(self.state, self.sums, self._odds, self.delay, tuple(s[:3]), variance))
         return self.delay != before
 
-    def stretch(self, stretch: Step) -> None:
+    def add_step(self, step: Step) -> None:
         """Add a step; it is evaluated when the velocities of the longest delay have arrived."""
-        self._waiting.append(stretch)
+        self._waiting.append(step)
 
 
 @kernel
@@ -92,7 +96,7 @@ def integrate(state, sums, t, east, north):
 
 @kernel
 def _judge_delays(state, sums, odds, delay, step, variance):
-    """Add the evidence of a ``step`` (begin, end, way) to the ``odds`` of all delays; returns the established delay."""
+    """Add the evidence of a ``step`` (begin, end, displacement) to the ``odds``; returns the established delay."""
     own = _square(state, sums, step, 0.0, variance)
     if own == _MISSING:
         return delay
@@ -113,11 +117,11 @@ def _judge_delays(state, sums, odds, delay, step, variance):
 @kernel
 def _square(state, sums, step, delay, variance):
     """Squared normalised residual of a step for ``delay`` [s]; ``_MISSING`` where its velocities are missing."""
-    begin, end, way = step
+    begin, end, displacement = step
     first, last = _sum_at(state, sums, begin + delay), _sum_at(state, sums, end + delay)
     if math.isnan(first.real) or math.isnan(last.real):
         return _MISSING
-    return min(abs(way - (last - first)) ** 2 / variance, _WORST)
+    return min(abs(displacement - (last - first)) ** 2 / variance, _WORST)
 
 
 @kernel

@@ -199,7 +199,7 @@ class Reacquisition:
             self.expected(fix, gap_s)
             return Decision("fuse", "gnss.fuse", offset, sigmas)
         self._note_fused(t - gap_s)
-        track = self._weighed(self._follow(fix, _velocity(velocity_enu)), unexplained)
+        track = self._with_unexplained(self._follow(fix, _velocity(velocity_enu)), unexplained)
         zone = self._zone(track, sigmas)
         waiting_for = self._waiting_for(track, zone, offset, lost)
         loose = self.state.loose
@@ -263,9 +263,9 @@ class Reacquisition:
         if math.dist(velocity, track.velocity) > settings.max_acceleration * dt + 2 * settings.velocity_tolerance:
             return False
         drift = settings.velocity_tolerance * (fix.t - track.first.t)
-        return math.dist(fix.position, _carried(track, fix.t, velocity)) <= slack + drift
+        return math.dist(fix.position, _propagated(track, fix.t, velocity)) <= slack + drift
 
-    def _weighed(self, track: Track, unexplained: float) -> Track:
+    def _with_unexplained(self, track: Track, unexplained: float) -> Track:
         """The first track with the largest ``unexplained`` of its first fixes."""
         if track.count <= self.settings.fixes and unexplained > track.unexplained:
             track = replace(track, unexplained=unexplained)
@@ -311,11 +311,11 @@ class Reacquisition:
         usual += min(max(doubt, 0.0), 1.0) * max(longest, 0.0)
         if zone == EXPECTED or returned is None or track.first.t > returned.until:
             return usual
-        there = self._from_unaided(returned, track, offset)
-        if there > settings.sigmas:
+        track_sigmas = self._from_unaided(returned, track, offset)
+        if track_sigmas > settings.sigmas:
             return usual
-        here = _sigmas(returned.offset, track.first.sd, returned.sd)
-        if returned.zone != EXPECTED or here**2 - there**2 > _DECISIVE:
+        return_sigmas = _sigmas(returned.offset, track.first.sd, returned.sd)
+        if returned.zone != EXPECTED or return_sigmas**2 - track_sigmas**2 > _DECISIVE:
             return settings.min_duration
         lasted = track.first.t - returned.t
         return min(max(lasted, settings.min_duration), settings.contradiction_time)
@@ -350,7 +350,7 @@ class Reacquisition:
         return Decision("reset" if resets else "fuse", name, offset, sigmas, gated=False, notice=notice)
 
 
-def _carried(track: Track, t: float, velocity: Vector3) -> Vector3:
+def _propagated(track: Track, t: float, velocity: Vector3) -> Vector3:
     """The track's first fix propagated to ``t`` [s] (trapezoidal rule on the velocities)."""
     before = velocity if track.velocity is None else track.velocity
     half = 0.5 * (t - track.t)
@@ -361,7 +361,7 @@ def _carried(track: Track, t: float, velocity: Vector3) -> Vector3:
 def _advance(track: Track, fix: Fix, velocity: Vector3 | None) -> Track:
     position = fix.position
     if velocity is not None and track.velocity is not None:
-        position = _carried(track, fix.t, velocity)
+        position = _propagated(track, fix.t, velocity)
     return replace(
         track, t=fix.t, position=position, last_position=fix.position, velocity=velocity, count=track.count + 1
     )

@@ -13,23 +13,25 @@ import numpy as np
 from nav_pose_estimator.core.numerics.jit import kernel
 
 _PAUSE = 2.0  # s: longest pause over which velocities are integrated
-_MEDIAN = 5  # differences whose median is used, so that two outliers are neither a mark nor a drift
-_LEFT_BEHIND = 2  # marks that a drift must have left: a single one may be wrong
+_MEDIAN = 5  # differences whose median is used, so that two outliers do not matter
+_LEFT_BEHIND = 2  # marks from which a drift must lead away: a single one may be wrong
 _MARK_PERIOD = 5.0  # s between the differences that are kept as marks
 _MARKS = 12  # marks that are kept: one minute
 _SPEED = 0.5  # m/s: lasting error of the velocity of a sound receiver
 _LASTS = 2.0  # s that a drift has to last, in contrast to single outliers
-_FLICKERS = 0.5  # s for which it may pause meanwhile
+_LONGEST_PAUSE = 0.5  # s for which a drift may pause before its duration counts anew
 _REMEMBERED = 60.0  # s after its end for which a drifted position is doubted
 _CREDIBLE = 2.0  # standard deviations that cover the distance between position and integrated velocity
 
 # --- the state of a ``WalkOff``: index of each quantity, with its size if that is not 1 ------------------------------
 _T = 0  # s: time of the last fix
-_VELOCITY, _TRAVELLED = 1, 3  # (2) m/s: last velocity, (2) m: its integral, East and North
+_VELOCITY, _INTEGRAL = 1, 3  # (2) m/s: last velocity, (2) m: its integral, East and North
 _LEAVING_SINCE, _LAST_LEAVING = 5, 6  # s: begin of the present drift, and the last time of a significant speed
-_LEFT = 7  # (3): the mark that positions have left, a row as in ``_marks``; its time is NaN while there is none
+_LEFT = (
+    7  # (3): the mark from which positions have drifted, a row as in ``_marks``; its time is NaN while there is none
+)
 _LEFT_UNTIL = 10  # s: when that is forgotten
-_WAY = 11  # m: present distance from it
+_DISTANCE = 11  # m: present distance from it
 _RECENT, _MARKED = 12, 13  # numbers of rows in ``_recent`` and ``_marks``
 _SIZE = 14
 
@@ -53,23 +55,22 @@ class WalkOff:
         return not math.isnan(self._state[_LEFT])
 
     @property
-    def way(self) -> float:
+    def distance(self) -> float:
         """Present distance [m] of positions from the integrated velocities."""
-        return float(self._state[_WAY])
+        return float(self._state[_DISTANCE])
 
     @property
     def least_sd(self) -> float:
         """Standard deviation [m] on each axis that covers both."""
-        return self.way / _CREDIBLE
+        return self.distance / _CREDIBLE
 
     @property
     def reason(self) -> str:
         """Why the position is less certain than usual, one clause for the user; empty where it is not."""
         if not self.is_on:
             return ""
-        return (
-            f"GNSS positions are {self.way:.0f} m from where the receiver's own velocities lead: dragged, or reflected"
-        )
+        distance = f"{self.distance:.0f} m"
+        return f"GNSS positions are {distance} from where the receiver's own velocities lead: dragged, or reflected"
 
     def update(
         self, t: float, position_enu: Sequence[float], velocity_enu: Sequence[float] | None, scatter: float
@@ -107,10 +108,10 @@ def _update(state, recent, marks, t, place, velocity, scatter):
         return 0.0
     half = 0.5 * (t - state[_T])
     for axis in range(2):
-        state[_TRAVELLED + axis] += half * (state[_VELOCITY + axis] + velocity[axis])
+        state[_INTEGRAL + axis] += half * (state[_VELOCITY + axis] + velocity[axis])
         state[_VELOCITY + axis] = velocity[axis]
     state[_T] = t
-    east, north = place[0] - state[_TRAVELLED], place[1] - state[_TRAVELLED + 1]
+    east, north = place[0] - state[_INTEGRAL], place[1] - state[_INTEGRAL + 1]
     count = state[_RECENT] = _added(recent, int(state[_RECENT]), t, east, north)
     east, north = _middle(recent[:count, 1]), _middle(recent[:count, 2])
     marked = int(state[_MARKED])
@@ -118,7 +119,7 @@ def _update(state, recent, marks, t, place, velocity, scatter):
         marked = state[_MARKED] = _added(marks, marked, t, east, north)
     speed, then = _leaving(marks[:marked], t, east, north, scatter)
     state[_LAST_LEAVING] = t if then >= 0 else state[_LAST_LEAVING]
-    leaves = then >= 0 or t - state[_LAST_LEAVING] < _FLICKERS
+    leaves = then >= 0 or t - state[_LAST_LEAVING] < _LONGEST_PAUSE
     state[_LEAVING_SINCE] = min(state[_LEAVING_SINCE], t) if leaves else math.inf
     if then >= 0 and t - state[_LEAVING_SINCE] >= _LASTS:
         _leave(state, marks[then], t + _REMEMBERED)
@@ -137,12 +138,12 @@ def _leave(state, mark, until):
 
 @kernel
 def _stay_away(state, east, north, scatter):
-    """Update the distance from the mark that was left; the drift is over within ``scatter`` [m] or after some time."""
+    """Update the distance from the mark of the drift, which is over within ``scatter`` [m] or after some time."""
     if math.isnan(state[_LEFT]):
         return
-    state[_WAY] = math.hypot(east - state[_LEFT + 1], north - state[_LEFT + 2])
-    if state[_WAY] < scatter or state[_T] > state[_LEFT_UNTIL]:
-        state[_LEFT], state[_WAY] = math.nan, 0.0
+    state[_DISTANCE] = math.hypot(east - state[_LEFT + 1], north - state[_LEFT + 2])
+    if state[_DISTANCE] < scatter or state[_T] > state[_LEFT_UNTIL]:
+        state[_LEFT], state[_DISTANCE] = math.nan, 0.0
 
 
 @kernel

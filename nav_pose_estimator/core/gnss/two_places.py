@@ -23,7 +23,7 @@ class TwoPlaces:
     _found: int = field(default=0, init=False)
 
     def note(self, east: float, north: float) -> None:
-        """Add a fix that differs by so much [m] from the navigator, whether it is used or not."""
+        """Add a fix that lies ``east``, ``north`` [m] from the navigator, used or not."""
         self._off.append(complex(east, north))
         if len(self._off) < _COUNT:
             return

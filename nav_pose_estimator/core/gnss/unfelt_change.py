@@ -36,15 +36,15 @@ _TIMING = 0.1  # s: time offset of receiver and IMU, by which an acceleration lo
 _SCALE = 0.04  # scale and cross-axis errors relative to a change of velocity
 _RATIO = 4.2  # smallest ratio of a change to the usual ones
 _USUAL_AT_LEAST = 0.25  # floor of the usual changes, in standard deviations
-_LEAST, _MOST = 0.4, 20.0  # m/s: range of changes that count; a receiver that is faster still is of another vehicle
+_LEAST, _MOST = 0.4, 20.0  # m/s: range of changes that count; larger ones are of another vehicle's receiver
 _SETTLED = 0.35  # largest difference of the seconds after a change, relative to it
 _HISTORY = 20  # comparisons before the first conclusion
-_FAMILIAR, _SLOW = 2.0, 2.0  # times the largest manoeuvre so far, plus m/s, up to which the usual changes hold
+_FAMILIAR, _SLOW = 2.0, 2.0  # factor on the largest manoeuvre so far, plus m/s: limit up to which ``usual`` is valid
 _MEMORY = 300.0  # comparisons over which the usual changes are averaged
 
 
 # --- columns of a second's means: index of each quantity, with its size if that is not 1 -----------------------------
-APART = 0  # (2) m/s, East and North: the receiver's velocity less that of the IMU, up to a constant
+APART = 0  # (2) m/s, East and North: the receiver's velocity minus that of the IMU, up to a constant
 VELOCITY = 2  # (2) m/s, East and North: velocity propagated by the IMU
 COUNT = 4  # number of GNSS velocities in the means
 HEADING_SD = 5  # rad: standard deviation of the heading
@@ -62,7 +62,8 @@ class UnfeltChange:
     """Ratio of the last change to it."""
     _compared: int = field(default=0, init=False)
     _moved: float = field(default=0.0, init=False)  # m/s: largest change of velocity by the IMU in a comparison
-    _fresh: deque[tuple[float, float]] = field(default_factory=deque, init=False)  # both, where a change may be in them
+    # both, of comparisons that may contain a change
+    _pending: deque[tuple[float, float]] = field(default_factory=deque, init=False)
 
     def find(self, seconds: Array) -> Vector2 | None:
         """The change [m/s] of the receiver's velocity in the last of ``seconds`` that no force explains, or None.
@@ -78,12 +79,12 @@ class UnfeltChange:
         moved = _moved(seconds)
         known = self._compared >= _HISTORY and moved < _FAMILIAR * self._moved + _SLOW
         if known and self.ratio > _RATIO and _LEAST < size < _MOST and _has_settled(seconds, size):
-            self._fresh.clear()
+            self._pending.clear()
             return east, north
-        self._fresh.append((min(deviations, _RATIO * max(self.usual, _USUAL_AT_LEAST)), moved))
-        if len(self._fresh) > 2 * _SPAN:
+        self._pending.append((min(deviations, _RATIO * max(self.usual, _USUAL_AT_LEAST)), moved))
+        if len(self._pending) > 2 * _SPAN:
             self._compared += 1
-            square, (usual, moved) = self.usual**2, self._fresh.popleft()
+            square, (usual, moved) = self.usual**2, self._pending.popleft()
             self.usual = math.sqrt(square + (usual**2 - square) / min(self._compared, _MEMORY))
             self._moved = max(self._moved, moved)
         return None
@@ -175,9 +176,9 @@ def _mean_over(trace, received, begin, heading_sd, drift_sd, out):
             k += 1
         share = min((t - trace[k, 0]) / (trace[k + 1, 0] - trace[k, 0]), 1.0)
         for axis in range(2):
-            felt = trace[k, 1 + axis] + share * (trace[k + 1, 1 + axis] - trace[k, 1 + axis])
-            out[APART + axis] += received[i, 1 + axis] - felt
-            out[VELOCITY + axis] += felt
+            imu_velocity = trace[k, 1 + axis] + share * (trace[k + 1, 1 + axis] - trace[k, 1 + axis])
+            out[APART + axis] += received[i, 1 + axis] - imu_velocity
+            out[VELOCITY + axis] += imu_velocity
         out[COUNT] += 1.0
     if out[COUNT] == 0.0:
         return False

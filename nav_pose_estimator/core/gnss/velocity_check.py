@@ -25,11 +25,11 @@ from nav_pose_estimator.core.gnss.velocity_mistakes import (
     ANY,
     BODY,
     COUNT,
-    LIKE,
     LINEAR,
     MAY_BEGIN_IN_FLIGHT,
     NORTH_EAST,
     NOT_STUCK,
+    SIMILAR,
     STUCK,
     Similarity,
 )
@@ -38,16 +38,16 @@ from nav_pose_estimator.core.numerics.jit import kernel
 
 _PRIOR, _CLEARED, _SUSPECT, _PROVED, _MOST = -10.0, 0.0, 5.0, 20.0, 45.0
 """Twice the logarithm of the odds of a mistake. On thirteen recorded flights they rise to -2.4 at most."""
-_DOWN_TOO = 15.0  # by which a vertical that is positive down raises the odds of North-East, as long as no step ...
-_REFUTED = 9.0  # ... has cost them that much; on a leg to the North-East none can
-_STANDS = 6.0  # of which a step takes off where nothing moves: no suspicion outlasts a stand
-_ALONE = 12.0  # by which the odds of one mistake exceed those of all others where it may be undone
-_GOES = 3.0  # floors that a vehicle has to move in a step that tells cm/s from mm/s
-_HARDLY = 0.05  # of what a velocity says
-_HELD = 2  # steps that a mistake has to explain after the proof before it is undone
+_DOWN_BONUS = 15.0  # increase of the odds of North-East by a vertical velocity that is positive down, unless a step ...
+_REFUTED = 9.0  # ... has lowered them by this much; on a leg to the North-East none can
+_STANDSTILL = 6.0  # decrease of the odds per step at rest, so that a suspicion does not outlast a stop
+_MARGIN = 12.0  # by which the odds of a mistake must exceed those of all others before it is corrected
+_MOVES = 3.0  # smallest displacement, in floors, of a step that distinguishes cm/s from mm/s
+_NO_MOTION = 0.05  # displacement relative to the integrated velocity below which positions hardly move
+_CONFIRMATIONS = 2  # further steps that an established mistake must explain before it is corrected
 _SETTLED = 20  # informative steps in motion after which axes and units of the velocities are established
-_SAYS = 0.5  # least weight of a step that teaches anything
-_SCALE_LEAST, _SCALE_SURE = 0.03, 3.0  # of the way, and deviations, by which a scale has to differ from 1
+_INFORMATIVE = 0.5  # smallest weight of a step from which scale and factor are learned
+_SCALE_LEAST, _SCALE_SURE = 0.03, 3.0  # difference of a significant scale from 1, and standard deviations beyond that
 _STEP = 4
 """Result of ``_compare`` besides those of ``climb_check``: a step has ended."""
 
@@ -57,7 +57,7 @@ class VelocityCheck:
     """The test. It receives every usable fix and every velocity.
 
     ``fault`` is the kind of an established error, or empty, and ``name`` the error; ``suspect`` while an error is more
-    likely than none; ``certain`` once it is distinguished from all others, so that it can be corrected (``mended``).
+    likely than none; ``certain`` once it is distinguished from all others, so that ``corrected`` can undo it.
     """
 
     fault: str = field(default="", init=False)
@@ -70,7 +70,7 @@ class VelocityCheck:
     """m/s: difference of integral and displacement in the last informative step."""
     sound_steps: int = field(default=0, init=False)
     """Consecutive steps that agree with a correct velocity."""
-    felt: bool = field(default=False, init=False)
+    imu_agrees: bool = field(default=False, init=False)
     """To be set by the caller: whether the IMU confirms the velocity. An unexplained error is then in the positions."""
     climb: ClimbCheck = field(default_factory=ClimbCheck, init=False)
     late: Lateness = field(default_factory=Lateness, init=False)
@@ -78,12 +78,12 @@ class VelocityCheck:
     _similarity: Similarity = field(default_factory=Similarity, init=False)
     _odds: NDArray[np.float64] = field(default_factory=lambda: np.full(COUNT, _PRIOR), init=False)
     _found: int = field(default=-1, init=False)
-    _held: int = field(default=0, init=False)  # steps that it has explained since it was found
+    _confirmations: int = field(default=0, init=False)  # steps that the mistake has explained since it was found
     _last: tuple[float, float, float] = field(default=(0.0, 0.0, 0.0), init=False)
     _filled: tuple[bool, bool] = field(default=(False, False), init=False)  # East and North have been other than zero
     _waiting: deque[tuple[float, float, float, float, float]] = field(default_factory=deque, init=False)
-    _along: float = field(default=0.0, init=False)  # m^2: ways times sums, and sums squared, of steps that agreed
-    _square: float = field(default=0.0, init=False)
+    _cross_sum: float = field(default=0.0, init=False)  # m^2: displacement times integral, of steps that agreed
+    _power_sum: float = field(default=0.0, init=False)  # m^2: their squared integrals
     _is_not_ned: bool = field(default=False, init=False)
     _agreed: int = field(default=0, init=False)  # steps in motion that agreed, since the start
 
@@ -94,15 +94,15 @@ class VelocityCheck:
         The only error that all velocities of a receiver have in common is that of time: with a clock that stamps 8 %
         too few seconds the displacement is 8 % larger.
         """
-        if self._square == 0.0:
+        if self._power_sum == 0.0:
             return 1.0
-        scale, sd = self._along / self._square, 2.0 * self._steps.floor(1.0) / math.sqrt(self._square)
+        scale, sd = self._cross_sum / self._power_sum, 2.0 * self._steps.floor(1.0) / math.sqrt(self._power_sum)
         return scale if abs(scale - 1.0) > _SCALE_LEAST + _SCALE_SURE * sd else 1.0
 
     @property
     def stands_still(self) -> bool:
         """Whether positions hardly move compared with the velocity, so that they may be wrong instead."""
-        return 0 <= self._found < len(LINEAR) and abs(LINEAR[self._found].a) + abs(LINEAR[self._found].b) < _HARDLY
+        return 0 <= self._found < len(LINEAR) and abs(LINEAR[self._found].a) + abs(LINEAR[self._found].b) < _NO_MOTION
 
     def forget_time(self) -> None:
         """The clock changed or the filter starts again: forget the samples, keep established errors."""
@@ -152,34 +152,34 @@ class VelocityCheck:
     def _weigh(self, step: Step) -> None:
         """Update the odds of all hypotheses by a step."""
         weight = step.weight
-        says = weight > _SAYS
-        if says:
+        is_informative = weight > _INFORMATIVE
+        if is_informative:
             self._similarity.learn(step)
         is_sound, gains, explained = mistakes.odds_of(step, weight, self._similarity)
-        if says:
+        if is_informative:
             self._learn(step, is_sound)
-        if abs(step.said) < step.floor and not self.fault:  # a velocity near zero is in no wrong axes or units
+        if abs(step.integral) < step.floor and not self.fault:  # a velocity near zero shows neither axes nor unit
             gains[NOT_STUCK] = np.minimum(gains[NOT_STUCK], 0.0)
         self._is_not_ned = self._is_not_ned or bool(gains[NORTH_EAST] < -_REFUTED)
         if self._found >= 0:
-            goes = abs(step.way) > _GOES * step.floor or not self.stands_still
-            self._held += bool(goes and says and explained[self._found])
-        _add_up(self._odds, gains, _STANDS * (1.0 - weight), self._found)
+            moves = abs(step.displacement) > _MOVES * step.floor or not self.stands_still
+            self._confirmations += bool(moves and is_informative and explained[self._found])
+        _add_up(self._odds, gains, _STANDSTILL * (1.0 - weight), self._found)
         # The axes and units of a driver do not change in flight; if the IMU confirms the velocity, an unexplained error
         # is in the positions.
-        witnesses = self._agreed >= _SETTLED, self.felt, self.climb.fault == DOWN and not self._is_not_ned
+        other_evidence = self._agreed >= _SETTLED, self.imu_agrees, self.climb.fault == DOWN and not self._is_not_ned
         odds = np.empty(COUNT)
-        self._conclude(odds, int(_with_witnesses(self._odds, witnesses, odds)))
+        self._conclude(odds, int(_with_other_evidence(self._odds, other_evidence, odds)))
 
     def _learn(self, step: Step, agrees: bool) -> None:
         self.misfit = step.misfit
         if not self.fault and not self.suspect:
-            self.late.stretch(step)
-        if agrees and abs(step.way) > _GOES * step.floor and not self.fault:
+            self.late.add_step(step)
+        if agrees and abs(step.displacement) > _MOVES * step.floor and not self.fault:
             self._agreed += 1
         if agrees and step.dense:
-            self._along += (step.way * step.said.conjugate()).real
-            self._square += abs(step.said) ** 2
+            self._cross_sum += (step.displacement * step.integral.conjugate()).real
+            self._power_sum += abs(step.integral) ** 2
 
     def _conclude(self, odds: NDArray[np.float64], best: int) -> None:
         self.suspect = bool(odds[best] > (_CLEARED if self.suspect else _SUSPECT))
@@ -189,44 +189,44 @@ class VelocityCheck:
         if self.fault and odds[self._found] <= _CLEARED and not self.suspect:
             self.fault, self.name, self.certain, self._found = "", "", False, -1
         if odds[best] > _PROVED and (not self.fault or odds[best] > odds[self._found] + _SUSPECT):
-            self._found, self._held = best, 0
+            self._found, self._confirmations = best, 0
             self.fault, self.name = self._in_words(best)
         if self.fault:
-            others = max(value for i, value in enumerate(odds.tolist()) if not self._is_like_found(i))
-            self.certain = self._can_be_undone() and bool(odds[self._found] - others > _ALONE)
+            others = max(value for i, value in enumerate(odds.tolist()) if not self._has_correction_of_found(i))
+            self.certain = self._is_correctable() and bool(odds[self._found] - others > _MARGIN)
 
-    def _can_be_undone(self) -> bool:
+    def _is_correctable(self) -> bool:
         if not (self._similarity.is_known and all(self._filled)):
             return False
-        if self._held < _HELD:
+        if self._confirmations < _CONFIRMATIONS:
             return False
-        by_turn = self.fault == mistakes.UNIT or self._similarity.has_turned
-        return self._found < len(LINEAR) or (self._found == LIKE and by_turn)
+        by_turn = self.fault == mistakes.UNIT or self._similarity.has_changed_direction
+        return self._found < len(LINEAR) or (self._found == SIMILAR and by_turn)
 
-    def _is_like_found(self, i: int) -> bool:
+    def _has_correction_of_found(self, i: int) -> bool:
         """Whether hypothesis ``i`` has the same correction as the one found, or none at all."""
-        if i in (self._found, ANY, LIKE):
+        if i in (self._found, ANY, SIMILAR):
             return True
-        if self._found == LIKE:
-            return i < len(LINEAR) and self._similarity.is_like(LINEAR[i])
+        if self._found == SIMILAR:
+            return i < len(LINEAR) and self._similarity.has_same_correction(LINEAR[i])
         return mistakes.is_near_unit(i) and mistakes.is_near_unit(self._found)
 
-    def mended(self, east: float, north: float) -> tuple[float, float]:
+    def corrected(self, east: float, north: float) -> tuple[float, float]:
         """A velocity [m/s], corrected for the ``certain`` error."""
-        said = complex(east, north)
-        if self._found == LIKE:
-            said *= self._similarity.factor
+        velocity = complex(east, north)
+        if self._found == SIMILAR:
+            velocity *= self._similarity.factor
         elif mistakes.is_near_unit(self._found):
-            said *= self._similarity.factor.real
+            velocity *= self._similarity.factor.real
         else:
-            said = LINEAR[self._found].undo(said)
-        return said.real, said.imag
+            velocity = LINEAR[self._found].correct(velocity)
+        return velocity.real, velocity.imag
 
     def _in_words(self, i: int) -> tuple[str, str]:
         """Kind and name of hypothesis ``i``."""
         if i < len(LINEAR):
             return LINEAR[i].kind, LINEAR[i].name
-        if i == LIKE:
+        if i == SIMILAR:
             return self._similarity.in_words()
         if i == STUCK:
             east, north, _ = self._last
@@ -236,8 +236,8 @@ class VelocityCheck:
 
 @kernel
 def _note_velocity(steps, velocities, late, sums, t, delay, east, north, up):
-    """Add a velocity valid at ``t`` [s], or ``delay`` [s] before that. Arguments as in ``take_velocity`` of
-    ``velocity_steps`` and ``integrate`` of ``lateness``."""
+    """Add a velocity valid at ``t`` [s], or ``delay`` [s] before that. Arguments as of ``take_velocity`` in
+    ``velocity_steps`` and ``integrate`` in ``lateness``."""
     velocity_steps.take_velocity(steps, velocities, t - delay, east, north, up)
     lateness.integrate(late, sums, t, east, north)
 
@@ -258,11 +258,11 @@ def _compare(steps, velocities, climb, t, lat, lon, alt, sd, baro):
 
 
 @kernel
-def _add_up(odds, gains, stands, found):
-    """Add the ``gains`` of a step to the ``odds`` (COUNT,), less ``stands`` for all mistakes but the one ``found``."""
+def _add_up(odds, gains, decay, found):
+    """Add the ``gains`` of a step to the ``odds`` (COUNT,), less ``decay`` for all but the mistake ``found``."""
     largest = -math.inf
     for i in range(COUNT):
-        odds[i] += gains[i] if i == found else gains[i] - stands
+        odds[i] += gains[i] if i == found else gains[i] - decay
         largest = max(largest, odds[i])
     beyond = max(largest - _MOST, 0.0)
     for i in range(COUNT):
@@ -270,18 +270,18 @@ def _add_up(odds, gains, stands, found):
 
 
 @kernel
-def _with_witnesses(odds, witnesses, out):
-    """Write the ``odds`` with the evidence of ``witnesses`` to ``out`` (COUNT,); returns the index of the largest.
+def _with_other_evidence(odds, other_evidence, out):
+    """Write the ``odds`` combined with ``other_evidence`` to ``out`` (COUNT,); returns the index of the largest.
 
-    ``witnesses``: whether axes and units are established, whether the IMU confirms the velocity, and whether the
+    ``other_evidence``: whether axes and units are established, whether the IMU confirms the velocity, and whether the
     vertical velocity is positive down and nothing refutes North-East.
     """
-    is_settled, is_felt, is_down = witnesses
+    is_settled, imu_agrees, is_down = other_evidence
     best = 0
     for i in range(COUNT):
-        excluded = (is_settled and not MAY_BEGIN_IN_FLIGHT[i]) or (is_felt and i == ANY)
+        excluded = (is_settled and not MAY_BEGIN_IN_FLIGHT[i]) or (imu_agrees and i == ANY)
         out[i] = _PRIOR if excluded else odds[i]
         if is_down and i == NORTH_EAST:
-            out[i] += _DOWN_TOO
+            out[i] += _DOWN_BONUS
         best = i if out[i] > out[best] else best
     return best

@@ -21,12 +21,12 @@ _PAUSE = 6.0  # s: longest pause over which velocities are integrated
 _PAUSES, _SHORTEST_PAUSE = 2.5, 1.0  # usual periods, and s: a longer pause also ends a step
 _SLOWER = 1.2  # largest growth of the usual period from one fix to the next
 _SHORTEST, _LONGEST = 0.9, 6.0  # s: duration of a step; the longest is for a vehicle too slow to be informative
-_FLOOR = 0.6  # m: smallest standard deviation of displacement less integral in a second; recorded flights: 0.1 to 0.5
-_SLOW_BIAS = 0.25  # m/s: bias of the velocity of a slow antenna over seconds
+_FLOOR = 0.6  # m: smallest standard deviation of displacement minus integral over 1 s; recorded flights: 0.1 to 0.5
+_SLOW_BIAS = 0.25  # m/s: velocity bias of a slow receiver that lasts for seconds
 _TIMING = 0.3  # s: time offset between position and velocity, filters in the receiver included
-_STATED_MOST = 5.0  # m: larger stated deviations of positions rarely mean a drift
+_STATED_MOST = 5.0  # m: limit of the stated deviation, because larger ones rarely mean a drift
 _DRIFT = 0.8  # drift of the position in a step relative to its stated deviation
-_COVERS = 2.0  # standard deviations of the scatter of fixes that the tolerance covers
+_COVERS = 2.0  # standard deviations of the noise of fixes that the tolerance covers
 _SHORT = 0.5  # s: over longer periods an acceleration looks like scatter
 _DENSE = 1.2  # s: over longer periods the integral misses curves of the path
 _FADING = 0.1  # weight of the newest value in the mean of the scatter
@@ -38,12 +38,12 @@ class Step(NamedTuple):
 
     begin: float  # s
     end: float  # s
-    way: complex  # m: displacement between the fixes
-    said: complex  # m: integral of the velocities
-    turn: float
+    displacement: complex  # m: displacement between the fixes
+    integral: complex  # m: integral of the velocities
+    velocity_change: float
     """m/s: change of the velocity."""
     floor: float
-    """m: standard deviation of way less said, independent of the motion."""
+    """m: standard deviation of displacement minus integral, independent of the motion."""
     timing: float
     """m: additional standard deviation because of the change of velocity and the time offset."""
     all_same: bool
@@ -56,26 +56,26 @@ class Step(NamedTuple):
     @property
     def weight(self) -> float:
         """Information of the step, from 0 (none) to 1 (long enough to discriminate between all hypotheses)."""
-        return min(max(abs(self.way), abs(self.said)) / (_INFORMATIVE * self.floor), 1.0) ** 2
+        return min(max(abs(self.displacement), abs(self.integral)) / (_INFORMATIVE * self.floor), 1.0) ** 2
 
     @property
     def misfit(self) -> float:
-        """Difference of way and said as a speed [m/s]."""
-        return abs(self.way - self.said) / (self.end - self.begin)
+        """Difference of displacement and integral as a speed [m/s]."""
+        return abs(self.displacement - self.integral) / (self.end - self.begin)
 
 
 # --- the state of a ``StepMaker``: index of each quantity, with its size if that is not 1 ----------------------------
 _LAT, _LON, _BEGIN = 0, 1, 2  # rad, rad, s: first fix of the step in progress; NaN while there is none
 _T = 3  # s: time of the last fix
 _FIRST, _LAST = 4, 6  # (2), (2) m/s: velocities of the first and the last fix, East and North
-_PLACE, _SAID = 8, 10  # (2), (2) m: displacement since the first fix, by fixes and by integrated velocities
+_DISPLACEMENT, _INTEGRAL = 8, 10  # (2), (2) m: displacement since the first fix, by fixes and by integrated velocities
 _LONGEST_PERIOD = 12  # s: longest time between fixes of the step
 _ALL_SAME, _SILENT = 13, 14  # (1), (2): 1 while all velocities are identical, and while East and North are zero; else 0
 _MOVED = 16  # (2) m: displacement between the last two fixes; NaN where these are far apart in time
 _PERIOD = 18  # s: recent shortest time between fixes
 VARIANCE = 19  # m^2: variance of a fix on each axis, from second differences
 _STATED = 20  # m: stated deviation of the last fix; a receiver that still converges drifts by as much
-_HEARD = 21  # number of velocities since the last interruption
+_COUNT = 21  # number of velocities since the last interruption
 WALK = 22  # m/sqrt(s): random walk of the integrated velocities that is not stated
 _SIZE = 23
 _KEPT = 40  # velocities that are kept
@@ -98,7 +98,7 @@ class StepMaker:
     def interrupt(self) -> None:
         """End the step in progress: the next samples do not follow the last ones."""
         self.state[_BEGIN] = self.state[_MOVED] = math.nan
-        self.state[_HEARD] = 0.0
+        self.state[_COUNT] = 0.0
 
     def end(self, t: float, lat: float, lon: float) -> Step:
         """The step that a fix at ``t`` [s] and ``lat``, ``lon`` [rad] has ended; the next one begins there."""
@@ -107,26 +107,26 @@ class StepMaker:
         return done
 
     def floor(self, seconds: float) -> float:
-        """Standard deviation [m] of way less said over so many seconds, independent of the motion."""
+        """Standard deviation [m] of displacement minus integral over so many seconds, independent of the motion."""
         return float(_floor(self.state, seconds))
 
 
 @kernel
 def take_velocity(state, velocities, t, east, north, up):
     """Add a velocity [m/s] valid at ``t`` [s]."""
-    row = int(state[_HEARD]) % len(velocities)
+    row = int(state[_COUNT]) % len(velocities)
     velocities[row, 0], velocities[row, 1], velocities[row, 2], velocities[row, 3] = t, east, north, up
-    state[_HEARD] += 1.0
+    state[_COUNT] += 1.0
 
 
 @kernel
 def own_velocity(state, velocities, t):
     """Row in ``velocities`` of a fix at ``t`` [s]; -1 where none is close in time."""
-    heard, count = int(state[_HEARD]), len(velocities)
-    if heard > 0 and velocities[(heard - 1) % count, 0] == t:  # nearly always
-        return (heard - 1) % count
+    received, count = int(state[_COUNT]), len(velocities)
+    if received > 0 and velocities[(received - 1) % count, 0] == t:  # nearly always
+        return (received - 1) % count
     own, least = -1, _APART
-    for i in range(max(heard - count, 0), heard):
+    for i in range(max(received - count, 0), received):
         apart = abs(velocities[i % count, 0] - t)
         if apart < least or (own < 0 and apart == least):
             own, least = i % count, apart
@@ -144,16 +144,18 @@ def take_fix(state, velocities, own, t, lat, lon, sd):
     if math.isnan(state[_BEGIN]) or _is_outage(state, t - state[_T]):
         _begin(state, t, lat, lon, east, north)
         return False
-    turn = 2.0 * math.pi
+    full_turn = 2.0 * math.pi
     longitudes = lon - state[_LON]
-    longitudes -= turn * round(longitudes / turn)
+    longitudes -= full_turn * round(longitudes / full_turn)
     period = t - state[_T]
-    _move_to(state, _EARTH * math.cos(state[_LAT]) * longitudes, _EARTH * (lat - state[_LAT]), period)
-    _hear(state, 0, east, period)
-    _hear(state, 1, north, period)
+    _update_displacement(state, _EARTH * math.cos(state[_LAT]) * longitudes, _EARTH * (lat - state[_LAT]), period)
+    _integrate(state, 0, east, period)
+    _integrate(state, 1, north, period)
     state[_T], state[_LONGEST_PERIOD] = t, max(state[_LONGEST_PERIOD], period)
     seconds = t - state[_BEGIN]
-    moved = max(math.hypot(state[_PLACE], state[_PLACE + 1]), math.hypot(state[_SAID], state[_SAID + 1]))
+    moved = max(
+        math.hypot(state[_DISPLACEMENT], state[_DISPLACEMENT + 1]), math.hypot(state[_INTEGRAL], state[_INTEGRAL + 1])
+    )
     return seconds >= _SHORTEST and (moved >= _INFORMATIVE * _floor(state, seconds) or seconds >= _LONGEST)
 
 
@@ -171,17 +173,17 @@ def _begin(state, t, lat, lon, east, north):
     state[_LAT], state[_LON], state[_BEGIN], state[_T] = lat, lon, t, t
     state[_FIRST] = state[_LAST] = east
     state[_FIRST + 1] = state[_LAST + 1] = north
-    for i in range(_PLACE, _ALL_SAME):
+    for i in range(_DISPLACEMENT, _ALL_SAME):
         state[i] = 0.0
     for i in range(_ALL_SAME, _MOVED):
         state[i] = 1.0
 
 
 @kernel
-def _move_to(state, east, north, period):
+def _update_displacement(state, east, north, period):
     """Take a fix, and update the variance of fixes from second differences, which is six times that of white noise."""
-    moved_east, moved_north = east - state[_PLACE], north - state[_PLACE + 1]
-    state[_PLACE], state[_PLACE + 1] = east, north
+    moved_east, moved_north = east - state[_DISPLACEMENT], north - state[_DISPLACEMENT + 1]
+    state[_DISPLACEMENT], state[_DISPLACEMENT + 1] = east, north
     if period > _SHORT:
         state[_MOVED] = math.nan
         return
@@ -192,9 +194,9 @@ def _move_to(state, east, north, period):
 
 
 @kernel
-def _hear(state, axis, velocity, period):
+def _integrate(state, axis, velocity, period):
     """Take a velocity of one axis [m/s], ``period`` [s] after the last one."""
-    state[_SAID + axis] += 0.5 * period * (state[_LAST + axis] + velocity)
+    state[_INTEGRAL + axis] += 0.5 * period * (state[_LAST + axis] + velocity)
     state[_LAST + axis] = velocity
     if velocity != state[_FIRST + axis]:
         state[_ALL_SAME] = 0.0
@@ -214,15 +216,15 @@ def _step(state: NDArray[np.float64]) -> Step:
     """The step that has just ended."""
     s = state.tolist()
     seconds = s[_T] - s[_BEGIN]
-    turn = math.hypot(s[_LAST] - s[_FIRST], s[_LAST + 1] - s[_FIRST + 1])
+    velocity_change = math.hypot(s[_LAST] - s[_FIRST], s[_LAST + 1] - s[_FIRST + 1])
     return Step(
         begin=s[_BEGIN],
         end=s[_T],
-        way=complex(s[_PLACE], s[_PLACE + 1]),
-        said=complex(s[_SAID], s[_SAID + 1]),
-        turn=turn,
+        displacement=complex(s[_DISPLACEMENT], s[_DISPLACEMENT + 1]),
+        integral=complex(s[_INTEGRAL], s[_INTEGRAL + 1]),
+        velocity_change=velocity_change,
         floor=float(_floor(state, seconds)),
-        timing=(_TIMING + 0.5 * max(s[_LONGEST_PERIOD] - _SHORT, 0.0)) * turn,
+        timing=(_TIMING + 0.5 * max(s[_LONGEST_PERIOD] - _SHORT, 0.0)) * velocity_change,
         all_same=bool(s[_ALL_SAME]),
         silent=(bool(s[_SILENT]), bool(s[_SILENT + 1])),
         dense=s[_LONGEST_PERIOD] <= _DENSE,

@@ -41,13 +41,13 @@ class MotionAgreement:
     """Whether the IMU measured motion in the last window and GNSS hardly any, without an agreement since the start."""
     is_contradicted: bool = field(default=False, init=False)
     """Whether a contradiction of GNSS and IMU is established."""
-    _unlike: int = field(default=0, init=False)  # consecutive windows that contradict
-    _alike: int = field(default=0, init=False)  # consecutive windows that agree
+    _contradicting: int = field(default=0, init=False)  # consecutive windows that contradict
+    _agreeing: int = field(default=0, init=False)  # consecutive windows that agree
     _has_agreed: bool = field(default=False, init=False)  # in any window since the start
 
     def forget_time(self) -> None:
         """Start counting windows anew after a change of the clock; an established contradiction remains."""
-        self._unlike = self._alike = 0
+        self._contradicting = self._agreeing = 0
         self.apart = 0.0
 
     def compare(self, impulses: np.ndarray, forces: np.ndarray) -> None:
@@ -60,11 +60,11 @@ class MotionAgreement:
         self._has_agreed = self._has_agreed or (imu > 0.5 * _MIN_MOTION and apart < _CONTRADICTS * moves)
         self.only_imu_moves = not self._has_agreed and imu > _MIN_EXCITATION and gnss < _MAX_RESTING * imu
         self.moves = imu > _MIN_MOTION
-        unlike = imu > _MIN_EXCITATION and apart > _CONTRADICTS * moves
-        self._unlike = self._unlike + 1 if unlike else 0
-        self._alike = self._alike + 1 if self.moves and apart < _AGREES * moves else 0
-        if self._unlike >= _WINDOWS_TO_RAISE:
+        contradicts = imu > _MIN_EXCITATION and apart > _CONTRADICTS * moves
+        self._contradicting = self._contradicting + 1 if contradicts else 0
+        self._agreeing = self._agreeing + 1 if self.moves and apart < _AGREES * moves else 0
+        if self._contradicting >= _WINDOWS_TO_RAISE:
             self.is_contradicted = True
-        elif self._alike >= _WINDOWS_TO_CLEAR:
+        elif self._agreeing >= _WINDOWS_TO_CLEAR:
             self.is_contradicted = False
-        self.apart = math.sqrt(apart * total) if self.is_contradicted and unlike else 0.0
+        self.apart = math.sqrt(apart * total) if self.is_contradicted and contradicts else 0.0

@@ -36,13 +36,13 @@ class Doubt(NamedTuple):
     speed: float
     gyro_bias: float = 0.0
     accel_bias: float = 0.0
-    way: float = 0.0
+    position: float = 0.0
     lasting: bool = False
 
     def with_one_more(self, other: Doubt) -> Doubt:
         """The sum of two independent errors."""
-        tilt, speed, gyro, accel, way = (math.hypot(a, b) for a, b in zip(self[:5], other[:5], strict=True))
-        return Doubt(tilt, speed, gyro, accel, way, self.lasting or other.lasting)
+        tilt, speed, gyro, accel, position = (math.hypot(a, b) for a, b in zip(self[:5], other[:5], strict=True))
+        return Doubt(tilt, speed, gyro, accel, position, self.lasting or other.lasting)
 
 
 class DoubtMeter:

@@ -44,8 +44,8 @@ class HeadingMonitor:
     """Attitude (4,) at the last whole second from IMU and GNSS velocity alone, when an error is established."""
     _rotations: dict[int, np.ndarray] = field(default_factory=dict, init=False)  # (4,) over the second that ends there
     _cross: complex = field(default=0j, init=False)  # sum of u conj(h), turned by ``_turned`` [(m/s)^2]
-    _gnss: float = field(default=0.0, init=False)  # sum of |u|^2 [(m/s)^2]
-    _felt: float = field(default=0.0, init=False)  # sum of |h|^2 [(m/s)^2]
+    _gnss_power: float = field(default=0.0, init=False)  # sum of |u|^2 [(m/s)^2]
+    _imu_power: float = field(default=0.0, init=False)  # sum of |h|^2 [(m/s)^2]
     _wrong: int = field(default=0, init=False)  # consecutive windows with a wrong heading
 
     def forget(self) -> None:
@@ -53,7 +53,7 @@ class HeadingMonitor:
         self._attitudes.clear()
         self._turned.clear()
         self._rotations.clear()
-        self._cross, self._gnss, self._felt, self._wrong, self.error = 0j, 0.0, 0.0, 0, 0.0
+        self._cross, self._gnss_power, self._imu_power, self._wrong, self.error = 0j, 0.0, 0.0, 0, 0.0
 
     def attitude(self, k: int, q_nb: np.ndarray) -> None:
         """Store the navigator's attitude (4,) at the whole second ``k``."""
@@ -61,7 +61,7 @@ class HeadingMonitor:
         for known in (self._attitudes, self._turned, self._rotations):
             known.pop(k - _REMEMBERED, None)
 
-    def carry(self, k: int, angles: np.ndarray, bias: np.ndarray) -> None:
+    def add_rotation(self, k: int, angles: np.ndarray, bias: np.ndarray) -> None:
         """Store the rotation over the second that ends at ``k``, given as parts (N, 3) [rad].
 
         The parts contain the gyroscope's ``bias`` (3,) [rad/s]. What the heading turned beyond that rotation is due to
@@ -84,19 +84,19 @@ class HeadingMonitor:
         q, turned = self._attitudes.get(begin), self._turned.get(begin)
         if q is None or turned is None:
             return
-        along, across, gnss, felt = _regression(q, impulses, forces)
+        along, across, gnss, imu = _regression(q, impulses, forces)
         self._cross = _MEMORY * self._cross + complex(along, across) * cmath.rect(1.0, turned)
-        self._gnss = _MEMORY * self._gnss + gnss
-        self._felt = _MEMORY * self._felt + felt
+        self._gnss_power = _MEMORY * self._gnss_power + gnss
+        self._imu_power = _MEMORY * self._imu_power + imu
         angle = math.remainder(cmath.phase(self._cross) - self._turned[max(self._turned)], 2.0 * math.pi)
-        excited = min(self._gnss, self._felt) > _EXCITED**2
-        coherent = abs(self._cross) > _COHERENT * math.sqrt(self._gnss * self._felt)
+        excited = min(self._gnss_power, self._imu_power) > _EXCITED**2
+        coherent = abs(self._cross) > _COHERENT * math.sqrt(self._gnss_power * self._imu_power)
         self._wrong = self._wrong + 1 if excited and coherent and abs(angle) > _WRONG else 0
         self.error = angle if self._wrong >= _PROOF else 0.0
         if self.error:
-            self.level = self._carried(begin, np.array(best_rotation(correlation(impulses, forces))[0]))
+            self.level = self._propagated(begin, np.array(best_rotation(correlation(impulses, forces))[0]))
 
-    def _carried(self, begin: int, q_nb: np.ndarray) -> np.ndarray | None:
+    def _propagated(self, begin: int, q_nb: np.ndarray) -> np.ndarray | None:
         """``q_nb`` (4,) at second ``begin``, propagated to the last second by the gyroscope; None across a gap."""
         for k in range(begin + 1, max(self._turned) + 1):
             if k not in self._rotations:
@@ -119,18 +119,18 @@ def _regression(q_nb, impulses, forces):
     ``q_nb`` (4,), with their means removed.
     """
     count = len(forces)
-    felt, mean = np.empty((count, 2)), np.zeros(4)
+    imu, mean = np.empty((count, 2)), np.zeros(4)
     for k in range(count):
-        felt[k, 0], felt[k, 1], _ = q_rotate(q_nb, load3(impulses[k], 0))
+        imu[k, 0], imu[k, 1], _ = q_rotate(q_nb, load3(impulses[k], 0))
         for axis in range(2):
             mean[axis] += forces[k, axis] / count
-            mean[2 + axis] += felt[k, axis] / count
-    along = across = gnss_power = felt_power = 0.0
+            mean[2 + axis] += imu[k, axis] / count
+    along = across = gnss_power = imu_power = 0.0
     for k in range(count):
         east, north = forces[k, 0] - mean[0], forces[k, 1] - mean[1]
-        x, y = felt[k, 0] - mean[2], felt[k, 1] - mean[3]
+        x, y = imu[k, 0] - mean[2], imu[k, 1] - mean[3]
         along += east * x + north * y
         across += north * x - east * y
         gnss_power += east * east + north * north
-        felt_power += x * x + y * y
-    return along, across, gnss_power, felt_power
+        imu_power += x * x + y * y
+    return along, across, gnss_power, imu_power

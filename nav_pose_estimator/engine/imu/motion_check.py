@@ -33,15 +33,15 @@ On sixteen recorded flights, with 0 and 0.2 s of ``gnss.delay``, no mistake redu
 """
 _WINS, _WIN = 2.7, 0.01
 """A mistake must win about three consecutive windows (faded count), each by this squared misfit; a shock is in two."""
-_EXCITED, _FELT = 0.06, 0.5
+_EXCITED, _AGREES = 0.06, 0.5
 """Smallest horizontal fraction of the force, and largest misfit relative to it, with which IMU and GNSS agree."""
 _UNREAL = 0.6  # horizontal fraction of the force over a window above which the velocities have a wrong unit
-_CALM = 10  # consecutive windows without misfit that end a finding of a wrong unit, which shows in every window
+_CALM = 10  # consecutive windows without misfit that end a finding of a wrong unit; it affects all windows
 _ALIKE, _ALIKE_FLOOR = 1.3, 0.004  # factor and floor within which two mistakes explain the data equally well
 
 
 class MotionCheck:
-    """Squared misfits of the IMU as it is and of every mistake, with a fading memory. Not for the air only.
+    """Squared misfits of the IMU as it is and of every mistake, with a fading memory; for flight and ground alike.
 
     On sixteen recorded flights the IMU as it is left 0.02 to 0.09 of the force unexplained (median), 0.30 at most; with
     the gyroscope in deg/s it is 0.3 to 0.9, and an inverted sign shows as soon as the vehicle turns and brakes.
@@ -53,13 +53,13 @@ class MotionCheck:
         self._sums = np.zeros(2 * len(self._gyros))
         self._wins = np.zeros(len(self._sums))
         self._offset, self._least_motion = np.zeros(3), math.inf  # rad/s: rates of the calmest second, their unrest
-        self._blamed: int | None = None
+        self._established: int | None = None
         self._calm = 0
         self.finding: Finding | None = None
         self.misfit = math.nan
-        self.felt = False
+        self.imu_agrees = False
         """Whether the IMU measured the velocity changes that GNSS reports, in the last window."""
-        self.felt_as_received = 0.0
+        self.as_received_reduction = 0.0
         """Reduction of the squared misfit by using the velocities as received instead of the corrected ones."""
         self.heading = HeadingMonitor()
         self.agreement = MotionAgreement()
@@ -74,7 +74,7 @@ class MotionCheck:
         """The clock changed: forget the samples, keep established findings."""
         self._seconds: dict[int, np.ndarray] = {}
         self._velocities, self._received = VelocityHistory(), VelocityHistory()
-        self._places: deque[tuple[float, float, float]] = deque(maxlen=400)
+        self._positions: deque[tuple[float, float, float]] = deque(maxlen=400)
         self.heading.forget()
         self.agreement.forget_time()
         self.body.forget_time()
@@ -92,8 +92,8 @@ class MotionCheck:
 
     def fix(self, t: float, east: float, north: float) -> None:
         """Add a position [m] in any level frame, valid at ``t`` [s]; it shows rest where velocities are missing."""
-        if not self._places or t > self._places[-1][0]:
-            self._places.append((t, east, north))
+        if not self._positions or t > self._positions[-1][0]:
+            self._positions.append((t, east, north))
 
     def second(self, k: int, rows: np.ndarray, gyro_bias: np.ndarray) -> None:
         """Process the IMU rows (N, 7) of the second that ends at ``k``, the first one from before it.
@@ -104,7 +104,7 @@ class MotionCheck:
         whole = motion_history.second_of(rows, float(k - 1))
         if whole is not None:
             self._seconds[k] = whole
-            self.heading.carry(k, whole[ANGLE], gyro_bias)
+            self.heading.add_rotation(k, whole[ANGLE], gyro_bias)
             motion = motion_history.unrest(whole[ANGLE])
             if motion < self._least_motion:
                 self._offset, self._least_motion = whole[ANGLE].sum(axis=0), motion
@@ -114,8 +114,8 @@ class MotionCheck:
 
     def _forget_before(self, k: int) -> None:
         """Drop GNSS data that no window from second ``k`` on needs."""
-        while self._places and self._places[0][0] < k:
-            self._places.popleft()
+        while self._positions and self._positions[0][0] < k:
+            self._positions.popleft()
         self._velocities.forget_before(k - GAP)
         self._received.forget_before(k - GAP)
 
@@ -128,16 +128,16 @@ class MotionCheck:
         biases = np.array([np.zeros(3), gyro_bias, self._offset])  # candidates for that of the gyroscope
         impulses = motion_history.impulses(seconds, gyro_bias, _AS_PUBLISHED)
         self.body.compare(end - _WINDOW, seconds, gyro_bias, impulses, self._received.rows())
-        felt = self._feel(seconds, received, biases)
+        received_misfit = self._misfit_of_received(seconds, received, biases)
         if forces is None:
-            if received is None and not self.shakes and self._stays(end):
+            if received is None and not self.shakes and self._rests(end):
                 self.agreement.compare(impulses, np.tile([0.0, 0.0, G], (_WINDOW, 1)))
             return
         is_as_received = received is not None and np.array_equal(forces, received)
-        self.misfit = felt if is_as_received else _own_misfit(seconds, forces, biases)
-        self.felt_as_received *= _MEMORY
+        self.misfit = received_misfit if is_as_received else _own_misfit(seconds, forces, biases)
+        self.as_received_reduction *= _MEMORY
         if received is not None:
-            self.felt_as_received += self.misfit**2 - felt**2
+            self.as_received_reduction += self.misfit**2 - received_misfit**2
         self.heading.compare(end - _WINDOW, impulses, forces)
         if not self.shakes:
             self.agreement.compare(impulses, forces)
@@ -150,9 +150,9 @@ class MotionCheck:
     def _weigh(self, seconds: np.ndarray, forces: np.ndarray) -> None:
         """Add the evidence of a window for and against every mistake."""
         self._sums, self._wins, own = _MEMORY * self._sums, _MEMORY * self._wins, self.misfit**2
-        if self.misfit > _SUSPICIOUS or self._blamed is not None:
-            all_of_them = motion_history.fit(seconds, forces, self._gyros)
-            squares = np.concatenate([all_of_them.misfit, all_of_them.inverted_misfit]) ** 2
+        if self.misfit > _SUSPICIOUS or self._established is not None:
+            candidates = motion_history.fit(seconds, forces, self._gyros)
+            squares = np.concatenate([candidates.misfit, candidates.inverted_misfit]) ** 2
             squares[0] = own
             self._sums += squares
             self._wins += (squares < _BETTER * own) & (own - squares > _WIN)
@@ -161,40 +161,40 @@ class MotionCheck:
         self._calm = self._calm + 1 if self.misfit < _SUSPICIOUS else 0
         self._judge()
 
-    def _stays(self, end: int) -> bool:
+    def _rests(self, end: int) -> bool:
         """Whether there are enough fixes in the window and all lie in one place."""
-        near = [place for place in self._places if end - _WINDOW <= place[0] <= end]
+        near = [place for place in self._positions if end - _WINDOW <= place[0] <= end]
         if len(near) < _WINDOW or near[-1][0] - near[0][0] < _WINDOW - GAP:
             return False
         spread = np.ptp(np.array(near)[:, 1:], axis=0)
         return bool(spread.max() < _ONE_PLACE)
 
-    def _feel(self, seconds: np.ndarray, received: np.ndarray | None, biases: np.ndarray) -> float:
-        """Misfit of the velocities as ``received``, NaN without them; sets ``felt``."""
+    def _misfit_of_received(self, seconds: np.ndarray, received: np.ndarray | None, biases: np.ndarray) -> float:
+        """Misfit of the velocities as ``received``, NaN without them; sets ``imu_agrees``."""
         if received is None:
-            self.felt = False
+            self.imu_agrees = False
             return math.nan
         excitation = float(motion_history.horizontal_share(received))
         misfit = _own_misfit(seconds, received, biases)
-        self.felt = _EXCITED < excitation < _UNREAL and misfit < _FELT * excitation
+        self.imu_agrees = _EXCITED < excitation < _UNREAL and misfit < _AGREES * excitation
         return misfit
 
     def _judge(self) -> None:
         sums = self._sums
-        if self._blamed is not None:
-            blamed, wrong_unit = sums[self._blamed], self._mistake(self._blamed)[1] != 1.0
-            proved = sums[0] < _BETTER * blamed and blamed - sums[0] > _EVIDENCE
+        if self._established is not None:
+            established, wrong_unit = sums[self._established], self._mistake(self._established)[1] != 1.0
+            proved = sums[0] < _BETTER * established and established - sums[0] > _EVIDENCE
             if proved or (wrong_unit and self._calm >= _CALM):
-                self._blamed, self.finding = None, None
+                self._established, self.finding = None, None
             return
         best = int(np.argmin(sums))
         if self._wins[best] < _WINS or sums[best] > _BETTER * sums[0] or sums[0] - sums[best] < _EVIDENCE:
             return
         alike = np.flatnonzero(sums < _ALIKE * sums[best] + _ALIKE_FLOOR)
-        self._blamed = min(alike.tolist(), key=self._unusual)
+        self._established = min(alike.tolist(), key=self._complexity)
         text = (
             f"IMU and GNSS velocity contradict each other ({100.0 * self.misfit:.0f} % of the force unexplained): "
-            f"{self._in_words(self._blamed)}"
+            f"{self._in_words(self._established)}"
         )
         self.finding = Finding("imu.implausible.motion", text)
         self._sums, self._wins = (
@@ -209,7 +209,7 @@ class MotionCheck:
         size = float(np.abs(matrix).max())
         return matrix / size, size, bool(inverted)
 
-    def _unusual(self, index: int) -> tuple[int, int]:
+    def _complexity(self, index: int) -> tuple[int, int]:
         """Number of single errors that this mistake combines: of equal explanations the simplest is chosen."""
         matrix, size, inverted = self._mistake(index)
         plain = _same(np.abs(matrix), np.eye(3))

@@ -63,9 +63,9 @@ class ImuPhysics:
         return "" if self._finding is None else f"The IMU is not plausible: {self._finding.sentence}."
 
     @property
-    def felt(self) -> bool:
+    def imu_agrees(self) -> bool:
         """Whether the IMU recently measured the velocity changes that GNSS reports."""
-        return self.motion.felt
+        return self.motion.imu_agrees
 
     @property
     def heading(self) -> HeadingMonitor:
@@ -73,9 +73,9 @@ class ImuPhysics:
         return self.motion.heading
 
     @property
-    def felt_as_received(self) -> float:
+    def as_received_reduction(self) -> float:
         """Reduction of the squared misfit by using the velocities as received instead of the corrected ones."""
-        return self.motion.felt_as_received
+        return self.motion.as_received_reduction
 
     def look(
         self,

@@ -16,7 +16,7 @@ from nav_pose_estimator.engine.imu.plausibility import G
 # A speed is implausible above 1.3 times the largest one with GNSS, above that one plus 3 m/s, and above 8 m/s.
 _FACTOR, _MORE, _LEAST = 1.3, 3.0, 8.0
 _CREDIBLE = 2.0  # standard deviations of the speed by which an excess is explained
-_AGAIN = 1.2  # factor by which an excess has to grow before it is reported again
+_GROWTH = 1.2  # factor by which an excess has to grow before it is reported again
 _SHORTEST = 1.0  # s: floor of the time without GNSS in the formulas
 
 
@@ -25,13 +25,13 @@ class SpeedDoubt:
 
     def __init__(self) -> None:
         self._largest = 0.0  # m/s: largest speed while GNSS was good
-        self._told = 0.0  # m/s: largest excess reported in this outage
+        self._reported = 0.0  # m/s: largest excess reported in this outage
         self._speed = 0.0  # m/s: speed at that report
 
     @property
     def reason(self) -> str:
         """Why the solution is less certain, one clause for the user; empty where it is not."""
-        if not self._told:
+        if not self._reported:
             return ""
         return (
             f"the estimated speed has reached {self._speed:.0f} m/s, but the vehicle flew at most {self._largest:.0f} "
@@ -40,14 +40,16 @@ class SpeedDoubt:
 
     def aided(self, speed: float) -> None:
         """Note the ``speed`` [m/s] while GNSS aids the navigator."""
-        self._largest, self._told = max(self._largest, speed), 0.0
+        self._largest, self._reported = max(self._largest, speed), 0.0
 
     def unaided(self, speed: float, sd: float, seconds: float) -> Doubt | None:
         """Test a ``speed`` and its deviation [m/s] after ``seconds`` without GNSS; None where it is plausible."""
         excess = speed - max(_FACTOR * self._largest, self._largest + _MORE, _LEAST)
-        if excess <= max(_CREDIBLE * sd, _AGAIN * self._told):
+        if excess <= max(_CREDIBLE * sd, _GROWTH * self._reported):
             return None
-        added = math.sqrt(excess**2 - self._told**2)
-        self._told, self._speed = excess, speed
+        added = math.sqrt(excess**2 - self._reported**2)
+        self._reported, self._speed = excess, speed
         t = max(seconds, _SHORTEST)
-        return Doubt(tilt=2.0 * added / (G * t), speed=added, gyro_bias=2.0 * added / (G * t * t), way=added * t / 3.0)
+        return Doubt(
+            tilt=2.0 * added / (G * t), speed=added, gyro_bias=2.0 * added / (G * t * t), position=added * t / 3.0
+        )

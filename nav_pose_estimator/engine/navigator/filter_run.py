@@ -87,7 +87,7 @@ class FilterRun:
         sensors = [*self.gnss.sensors, *self.aids.values(), self.rest, self.imu_doubt, self.gyro_matrix]
         self._fusion = Fusion(sensors, filter_setup.gates(parameters))
         self.noise = noise or NoiseIdentification()
-        self.gnss.reception.shown = self.noise
+        self.gnss.reception.identified = self.noise
         constants = filter_setup.constants(parameters, self.noise)
         # without a compiler the routine would not be faster
         expected = kinds(self.gnss, self.aids.values(), self.aiding)
@@ -219,7 +219,7 @@ class FilterRun:
             self.origin = None
         if not is_own:
             self.noise, self.gyro_wander = NoiseIdentification(), bias_noise.Wander()
-            self.gnss.reception.shown = self.noise
+            self.gnss.reception.identified = self.noise
         self.timeline.shift = np.zeros(3)
         self.renew_constants()
 

@@ -21,17 +21,17 @@ MOST_ROWS = 8
 
 def constants(
     parameters: Parameters,
-    shown: NoiseIdentification,
+    identified: NoiseIdentification,
     vibration: tuple[float, float] = (0.0, 0.0),
     lasting: lasting_error.LastingPosition | None = None,
 ) -> np.ndarray:
     """The vector of filter constants (``core.filter.layout``).
 
-    ``shown``: noise identified in flight; ``vibration`` [rad/s/sqrt(Hz), m/s^2/sqrt(Hz)]: additional noise of gyroscope
-    and accelerometer; ``lasting``: the correlated part of the position errors that the receiver states. The driving
-    noise of the gyroscope bias is the smallest one if it is learned in flight, where ``bias_noise`` adds to it.
+    ``identified``: noise identified in flight; ``vibration`` [rad/s/sqrt(Hz), m/s^2/sqrt(Hz)]: additional noise of
+    gyroscope and accelerometer; ``lasting``: the correlated part of the position errors that the receiver states. The
+    driving noise of the gyroscope bias is the smallest one if it is learned in flight, where ``bias_noise`` adds to it.
     """
-    noise = math.sqrt(shown.imu_variance)
+    noise = math.sqrt(identified.imu_variance)
     imu, navigator = parameters.imu, parameters.navigator
     smallest = math.sqrt(bias_noise.SMALLEST) if imu.learn_gyro_bias_sd else 1.0
     return make_constants(
@@ -46,7 +46,7 @@ def constants(
         gap_rate_sd=navigator.gap_rate_sd,
         gap_accel_sd=navigator.gap_force_sd,
         point_sampled=imu.sampling == "point",
-        blocks=_blocks(parameters, shown, lasting),
+        blocks=_blocks(parameters, identified, lasting),
     )
 
 
@@ -74,7 +74,7 @@ def complete_start(start: Alignment, constants: np.ndarray, parameters: Paramete
 
 
 def _blocks(
-    parameters: Parameters, shown: NoiseIdentification, lasting: lasting_error.LastingPosition | None
+    parameters: Parameters, identified: NoiseIdentification, lasting: lasting_error.LastingPosition | None
 ) -> dict[Block, Wander]:
     """Optional blocks that the filter has from the start; the gravity disturbance is constant."""
     chosen = (
@@ -84,7 +84,7 @@ def _blocks(
     blocks = {block: Wander(walk=walk) for is_there, block, walk in chosen if is_there}
     if parameters.gnss.error_states:
         variance = (lasting or lasting_error.LastingPosition(parameters.gnss)).variance
-        blocks[GNSS_ERROR] = lasting_error.wander(parameters.gnss, variance, shown)
+        blocks[GNSS_ERROR] = lasting_error.wander(parameters.gnss, variance, identified)
     return blocks
 
 

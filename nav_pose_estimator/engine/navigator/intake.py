@@ -80,8 +80,8 @@ def _fix(run: FilterRun, sample: GnssFix) -> None:
     t -= run.parameters.gnss.delay
     if not run.gnss.reception.fix(sample, t, run.now):
         return
-    sample = run.gnss.reception.believed(sample)
-    place = run.gnss.reception.way.place
+    sample = run.gnss.reception.without_bad_height(sample)
+    place = run.gnss.reception.fix_track.position
     run.imu_physics.motion.fix(t, place.real, place.imag)
     if run.parameters.aids.declination_from_model:
         run.locate(sample)

@@ -47,7 +47,7 @@ def _look_at_motion(run: FilterRun) -> None:
     mean_rate = run.stillness.add(rows[first_after(rows, t - Stillness.PERIOD) :])
     rests = mean_rate is not None
     _watch_for_a_pull(run, rows, is_aided)
-    run.gnss.position.elsewhere.second(t, rests)
+    run.gnss.position.monitors.second(t, rests)
     run.gnss.reception.velocity_scatter.second(run.clock.stamp(t))
     if is_aided:
         _doubt_the_position(run, t)
@@ -92,7 +92,7 @@ def _doubt_the_position(run: FilterRun, t: float) -> None:
     """Widen the position by a lasting offset of the fixes: velocities drag the filter, or the fixes are dragged."""
     off = run.gnss.position.record.lasting(_OFF_FOR)
     if off > max(_OFF_SDS * run.parameters.gnss.position_sd, _OFF):
-        run.observe(run.imu_doubt.observe(Doubt(0.0, 0.0, way=off), t, run.clock.stamp(t)))
+        run.observe(run.imu_doubt.observe(Doubt(0.0, 0.0, position=off), t, run.clock.stamp(t)))
 
 
 def _doubt_the_body_velocity(run: FilterRun, t: float, is_aided: bool) -> None:
@@ -145,14 +145,16 @@ def _look_at_imu(run: FilterRun, t: float, end: float) -> None:
     doubt = run.imu_physics.look(end, rows, bias, run.journal, stamp_ns, is_aided)
     if run.timeline.running:
         doubt = _doubt_the_speed(run, doubt, is_aided)
-    run.gnss.reception.velocities.felt(run.imu_physics.felt, run.imu_physics.felt_as_received, stamp_ns)
+    run.gnss.reception.velocities.imu_evidence(
+        run.imu_physics.imu_agrees, run.imu_physics.as_received_reduction, stamp_ns
+    )
     if run.timeline.running and is_aided:
         motion = run.imu_physics.motion
-        agreement, elsewhere = motion.agreement, run.gnss.position.elsewhere
+        agreement, monitors = motion.agreement, run.gnss.position.monitors
         is_noisy = run.gnss.reception.velocity_scatter.is_on  # what the last velocities before that showed was noise
         is_contradicted = agreement.is_contradicted and not is_noisy
-        elsewhere.other_motion.second(is_contradicted, agreement.apart, agreement.share, stamp_ns)
-        elsewhere.latency.found(0.0 if is_noisy else motion.latency.delay, run.parameters.gnss.delay, stamp_ns)
+        monitors.other_motion.second(is_contradicted, agreement.apart, agreement.share, stamp_ns)
+        monitors.latency.found(0.0 if is_noisy else motion.latency.delay, run.parameters.gnss.delay, stamp_ns)
     if run.imu_physics.heading.error and run.timeline.running:
         _turn_heading(run, stamp_ns)
     if run.timeline.running and (vibration.force_noise, vibration.rate_noise) != shaken:

@@ -348,7 +348,7 @@ def fly(
     acted, rest = events[: len(leg.results)], events[len(leg.results) :]
     queue.add_acted([one.observation for one in acted])
     for one, result in zip(acted, leg.results, strict=True):
-        routine.tell(one.observation, result, _period(periods, result[table.RESULT_AHEAD]))
+        routine.report(one.observation, result, _period(periods, result[table.RESULT_AHEAD]))
     last, left = imu.rows[imu.last - 1, at.IMU_T], []
     for one in rest:
         if one.behind <= leg.rows and (leg.within or one.observation.t > last):

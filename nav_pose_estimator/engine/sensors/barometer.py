@@ -70,7 +70,7 @@ class Barometer(Aid):
         self.pressure = math.nan  # Pa, the last good one
         self.offset_variance = 0.0
         """m^2: variance of the filter's height at the last comparison."""
-        self._unit_told = False
+        self._unit_reported = False
         self._apart_since = math.inf
         self._contradicts, self._apart = False, 0.0  # m above its reference, at the last height
         self._frozen, self._lasting = Frozen(), 0.0
@@ -129,7 +129,7 @@ class Barometer(Aid):
 
     @property
     def contradiction(self) -> str:
-        """Why the height is not to be believed as usual, a clause; empty if it is."""
+        """Why the height is less certain than usual, one clause for the user; empty where it is not."""
         if not self._contradicts:
             return ""
         return f"barometer and GNSS have come {abs(self._apart):.0f} m apart in height: one of them is wrong"
@@ -162,10 +162,10 @@ class Barometer(Aid):
 
     def _refuse_unit(self, stamp_ns: int, pressure: float, unit: str) -> None:
         """Count a pressure that is not in pascal; the first one gives an event with the likely ``unit``."""
-        if self._unit_told:
+        if self._unit_reported:
             self._journal.count("baro.rejected.unit")
             return
-        self._unit_told = True
+        self._unit_reported = True
         guess = f"looks like {unit}" if unit else "no unit fits the height of GNSS"
         text = f"barometer not used: its value is {pressure:.5g}; pascal expected, {guess}"
         self._journal.say(stamp_ns, "baro.rejected.unit", Level.ERROR, text)
@@ -219,7 +219,7 @@ class DepthSensor(Aid):
     def __init__(self, parameters: Parameters, aiding: Aiding, journal: Journal) -> None:
         super().__init__(parameters, aiding, journal)
         self._pacer = Pacer()
-        self._unit_told = False
+        self._unit_reported = False
 
     def set_parameters(self, parameters: Parameters) -> None:
         """New noise."""
@@ -234,9 +234,9 @@ class DepthSensor(Aid):
         if not self._pacer.passes(t, self._period):
             return None
         if not _THIN < sample.pressure < _DEEPEST:
-            if self._unit_told:
+            if self._unit_reported:
                 return self._refuse()
-            self._unit_told = True
+            self._unit_reported = True
             text = f"water pressure not used: {sample.pressure:.5g} is not an absolute pressure in pascal"
             return self._journal.say(sample.stamp_ns, "depth.rejected.value", Level.WARN, text)
         return Observation(t, sample.stamp_ns, self.kind, sample.pressure)

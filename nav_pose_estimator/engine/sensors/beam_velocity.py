@@ -35,7 +35,7 @@ from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised
 from nav_pose_estimator.engine.solutions import Level
 
 _HOLDS = 3.0  # s after their last use for which beams bound the drift
-_TELLING = 5.0  # standard deviations: a faster motion would show a wrong mounting
+_INFORMATIVE = 5.0  # standard deviations: a faster motion would show a wrong mounting
 
 
 class BeamVelocitySensor(Aid):
@@ -55,7 +55,7 @@ class BeamVelocitySensor(Aid):
         given = given_directions(beams.directions)
         self._reader, self._verification = MessageReader(given), Verification(beams.sign, len(given) > 0)
         self._arrangement = Arrangement(rotation_from_rpy(beams.rpy))
-        self._said: set[str] = set()
+        self._reported: set[str] = set()
         self.compare_anew()
         self._last_used = -math.inf  # s
         self._states = np.zeros(DVL.size)  # last estimate, for the status
@@ -78,13 +78,13 @@ class BeamVelocitySensor(Aid):
         self._delays = DelayWatch()
         self.compensator = COMPENSATORS[self._beams.compensation]()
         self._verification.compare_anew()
-        self._said.clear()
+        self._reported.clear()
 
     def take_over(self, before: Self) -> None:
         """Keep the verified convention, the agreement with GNSS and the noise of the beams over an IMU gap."""
         self._verification, self._arrangement = before._verification, before._arrangement
         self.judge, self._was_out = before.judge, before._was_out
-        self._agreement, self._said = before._agreement, before._said
+        self._agreement, self._reported = before._agreement, before._reported
 
     # --- on arrival --------------------------------------------------------------------------------------------------
 
@@ -101,10 +101,10 @@ class BeamVelocitySensor(Aid):
 
     def _say_once(self, stamp_ns: int, name: str, level: Level, text: str) -> None:
         """An event the first time; later ones are only counted."""
-        if name in self._said:
+        if name in self._reported:
             self._journal.count(name)
             return
-        self._said.add(name)
+        self._reported.add(name)
         self._journal.say(stamp_ns, name, level, text)
 
     # --- when it acts ------------------------------------------------------------------------------------------------
@@ -149,9 +149,9 @@ class BeamVelocitySensor(Aid):
         navigator = None
         if self._aiding.gnss_is_good(o.t):
             navigator = velocity_at(f.nav, self._lever), deviation_of(f, self._rpy_sd)
-        said = self._verification.add(o.measured, self._arrangement, navigator, math.sqrt(self._floor))
-        if said is not None:
-            self._say_once(o.stamp_ns, *said)
+        event = self._verification.add(o.measured, self._arrangement, navigator, math.sqrt(self._floor))
+        if event is not None:
+            self._say_once(o.stamp_ns, *event)
 
     def _rows(self, arranged: Arranged, change: np.ndarray, f: FilterView) -> tuple[np.ndarray, np.ndarray]:
         blocks = int(f.constants[DVL.index]), int(f.constants[DVL_DELAY.index])
@@ -163,17 +163,17 @@ class BeamVelocitySensor(Aid):
     def _compare(self, o: Observation, verdicts: list[int], f: FilterView) -> None:
         """Compare the whole sensor with the navigator while GNSS is good."""
         refused, present = verdicts.count(GATED), len(verdicts) - verdicts.count(LOST)
-        telling = False
+        informative = False
         if 2 * refused > present or not self._agreement.is_proven:
             velocity = velocity_at(f.nav, self._lever)
             sd = math.hypot(math.sqrt(self._floor), deviation_of(f, self._rpy_sd))
-            telling = math.hypot(*velocity) > _TELLING * sd
+            informative = math.hypot(*velocity) > _INFORMATIVE * sd
             if 2 * refused > present:
                 self._verification.disagrees(o.measured, velocity, sd)
-        if self._agreement.add(refused, present, telling):
+        if self._agreement.add(refused, present, informative):
             contradicts, delay = self._agreement.contradicts, self._delay + self._delays.missing
-            said = self._verification.contradiction(delay) if contradicts else words.AGREES
-            self._journal.say(o.stamp_ns, *said)
+            event = self._verification.contradiction(delay) if contradicts else words.AGREES
+            self._journal.say(o.stamp_ns, *event)
         elif self._agreement.is_proven and (late := self._delays.missing):
             self._say_once(o.stamp_ns, *words.delayed(self._delay + late, self._delays.sd))
 

@@ -40,7 +40,7 @@ class BodyVelocitySensor(Aid):
     kind = Kind("body_velocity", holds=True)
     sample, family = BodyVelocity, "body_velocity"
     bounds_drift = True
-    _told = ""  # the fault that was reported last
+    _reported_fault = ""  # the fault that was reported last
     is_proven = True
     """Whether motion has confirmed the sensor's axes, as far as that can be tested."""
     possible_error = 0.0
@@ -106,9 +106,9 @@ class BodyVelocitySensor(Aid):
         ``fault``: one clause for the user, empty while no fault is established.
         """
         self._refuse("axes")
-        if not fault or fault == self._told:
+        if not fault or fault == self._reported_fault:
             return False
-        self._told = fault
+        self._reported_fault = fault
         text = f"body velocity not used: {fault}; set aids.body_velocity_rpy, or the driver right"
         self._journal.say(stamp_ns, "body_velocity.implausible", Level.ERROR, text)
         return True
@@ -126,7 +126,7 @@ class BodyVelocitySensor(Aid):
         return GATED
 
     def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
-        """Count the outcome, and report the first change of velocity that the IMU did not feel."""
+        """Count the outcome, and report the first change of velocity that the IMU did not measure."""
         super().note(o, f, z, status, nis)
         size = math.hypot(*z.tolist())
         if self._aiding.gnss_is_good(o.t):

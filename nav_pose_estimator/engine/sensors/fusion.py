@@ -61,7 +61,7 @@ class Fusion:
         sensor.settle(o, f)
 
     def _lose(self, sensor: Sensor, o: Observation, decision: Decision, f: FilterView) -> None:
-        """The covariance grows, the position moves, and what surprised the filter may act once more."""
+        """Enlarge the covariance and move the position; the evidence may correct the filter once more."""
         f.P[:] *= decision.reference * bias_noise.overstatement(f.nav)
         error = np.zeros(len(f.P))
         error[DPOS : DPOS + 2] = -np.array(decision.shift)

@@ -33,5 +33,5 @@ class ImuDoubt(Sensor):
     def settle(self, o: Observation, f: FilterView) -> None:
         """Add the variances."""
         variances = np.repeat(np.square(o.measured[:5]), 3)
-        variances[-1] = 0.0  # Up: the way is along the ground
+        variances[-1] = 0.0  # Up: the position error is horizontal
         f.P[_STATES, _STATES] += variances

@@ -1,7 +1,7 @@
 """Doubt about a body velocity without GNSS: the position error that it may have caused.
 
 Once the filter has followed a velocity with a wrong size or an offset, the innovations are zero again. What remains as
-evidence is the change itself: the updates have added a velocity that the IMU did not feel. From then on either of the
+evidence is the change itself: the updates have added a velocity without a force on the IMU. From then on either of the
 two may be right, and the position error grows with the difference. A sensor that no motion has confirmed yet, or whose
 scale is not known, causes an error that grows with the displacement.
 """
@@ -16,7 +16,7 @@ from nav_pose_estimator.engine.imu.doubt import Doubt
 from nav_pose_estimator.engine.imu.plausibility import G
 
 _MEMORY = 3.0  # s over which the changes by updates are summed
-_LEAST = 0.25  # m/s: smallest sum that counts as unfelt; sound sensors reach 0.1
+_LEAST = 0.25  # m/s: smallest sum that contradicts the IMU; sound sensors reach 0.1
 _NOISES = 1.2  # the same in RMS innovations; sensors three times as noisy as stated reach 1.0
 _SLOW = 200.0  # innovations over which the RMS is averaged
 _EXPECTED = 3.0  # the same in standard deviations of what the filter expected, as after a pause of the sensor
@@ -26,7 +26,7 @@ _REFUSED = 1.0  # s of refusals in a row that show a contradiction as well
 
 
 class VelocityDoubt:
-    """Sum of the unfelt changes since GNSS was lost, and the possible position error; all horizontal, ENU."""
+    """Sum of the changes since GNSS was lost, and the possible position error; all horizontal, ENU."""
 
     def __init__(self) -> None:
         self._t, self._recent, self._jump = -math.inf, np.zeros(2), np.zeros(2)  # s, m/s, m/s
@@ -38,7 +38,7 @@ class VelocityDoubt:
 
     @property
     def jump(self) -> float:
-        """Velocity [m/s] that the updates have added and the IMU did not feel; 0 while there is no doubt."""
+        """Velocity [m/s] that the updates have added and the IMU did not measure; 0 while there is no doubt."""
         return math.hypot(*self._jump.tolist())
 
     def end(self) -> None:
@@ -52,13 +52,13 @@ class VelocityDoubt:
         """Process an update without GNSS at ``t`` [s] that has changed the velocity by ``change`` (2,) [m/s].
 
         ``removed`` [(m/s)^2]: by how much it has reduced the variance of the velocity, which is that of the change.
-        Both are zero where the update is refused. ``innovation``: its norm [m/s]. Returns True for the first unfelt
-        change of an outage.
+        Both are zero where the update is refused. ``innovation``: its norm [m/s]. Returns True for the first such
+        change of an outage that contradicts the IMU.
         """
         usual = self.learn(innovation)
         self._refused_since = min(self._refused_since, t) if is_refused else math.inf
-        kept, self._t = math.exp(-max(t - self._t, 0.0) / _MEMORY), t
-        self._recent, self._expected = kept * self._recent + change, kept * self._expected + max(removed, 0.0)
+        decay, self._t = math.exp(-max(t - self._t, 0.0) / _MEMORY), t
+        self._recent, self._expected = decay * self._recent + change, decay * self._expected + max(removed, 0.0)
         size = math.hypot(*self._recent.tolist())
         least = max(_LEAST, _NOISES * usual, _EXPECTED * math.sqrt(self._expected))
         if t - self._refused_since > _REFUSED and not self._jump.any():
@@ -84,11 +84,11 @@ class VelocityDoubt:
 
         ``velocity`` [m/s]: by the sensor, East + i North; ``possible``: its error by axes and scale, relative to it.
         Such an error is in proportion to the displacement, not to the length of the path.
-        The updates have turned an unfelt change into velocity and into tilt.
+        The updates have turned such a change into velocity and into tilt.
         """
         self._displacement, self._error_by_jumps = self._displacement + velocity, self._error_by_jumps + self.jump
         before, self._error = self._error, max(self._error, self._error_by_jumps + possible * abs(self._displacement))
         fresh, self._reported = max(self.jump - self._reported, 0.0), max(self.jump, self._reported)
         if self._error <= before:
             return None
-        return Doubt(tilt=fresh / (G * _MEMORY), speed=fresh, way=math.sqrt(self._error**2 - before**2))
+        return Doubt(tilt=fresh / (G * _MEMORY), speed=fresh, position=math.sqrt(self._error**2 - before**2))

@@ -14,7 +14,7 @@ from nav_pose_estimator.core.numerics.order import about_median, median
 _RECENT = 300  # innovations that the 99th percentile and the autocorrelation are taken from
 _AVERAGED = 10.0  # s over which the mean slides
 _LEAST = 8  # smallest number of innovations from which a median is taken
-_SURE = 3.0  # approximate standard deviations of a median that may be chance
+_SURE = 3.0  # approximate standard deviations of a median that may be due to chance
 _LARGEST = 100.0  # limit of the NIS in the mean, so that an outlier does not dominate it
 
 
@@ -25,20 +25,20 @@ class InnovationRecord:
         self.mean = 0.0
         self._recent: deque[float] = deque(maxlen=_RECENT)
         self._horizontal: deque[complex] = deque(maxlen=_RECENT)  # East + i North
-        self._believed: deque[complex] = deque(maxlen=_RECENT)
+        self._accepted: deque[complex] = deque(maxlen=_RECENT)
         self._new = 0  # of them since ``take``
         self._period = math.inf  # s
 
-    def add(self, nis: float, z: Sequence[float] | np.ndarray, period: float, believed: bool = True) -> None:
+    def add(self, nis: float, z: Sequence[float] | np.ndarray, period: float, accepted: bool = True) -> None:
         """Add an innovation ``z`` of two or more rows, East and North first, with a ``period`` [s] between them.
 
-        ``believed``: the measurement was used unchanged, neither rejected nor inflated.
+        ``accepted``: the measurement was used unchanged, neither rejected nor inflated.
         """
         if not math.isfinite(nis):
             return
         horizontal = complex(z[0], z[1])
-        if believed:
-            self._believed.append(horizontal)
+        if accepted:
+            self._accepted.append(horizontal)
             self._period = period
         self.mean += min(period / _AVERAGED, 0.2) * (min(nis / len(z), _LARGEST) - self.mean)
         self._recent.append(nis / len(z))
@@ -58,7 +58,7 @@ class InnovationRecord:
     def mean_of_last(self, seconds: float) -> np.ndarray:
         """Mean of the accepted horizontal innovations, East and North (2,), over the last ``seconds``."""
         count = max(round(seconds / self._period), 1)
-        return _pairs(list(self._believed)[-count:]).mean(axis=0) if self._believed else np.zeros(2)
+        return _pairs(list(self._accepted)[-count:]).mean(axis=0) if self._accepted else np.zeros(2)
 
     def lasting(self, seconds: float) -> float:
         """Size of the median horizontal innovation of the last ``seconds``, minus what may be chance; in the unit of z.

@@ -65,28 +65,28 @@ def first_cov(gnss: GnssParameters) -> np.ndarray:
     return np.diag(np.square([*position_sd(gnss), *velocity_sd(gnss)]))
 
 
-def wander(gnss: GnssParameters, position_variance: np.ndarray, shown: NoiseIdentification) -> Wander:
-    """Process model of the six states with the identified factors ``shown``: driving noise 2 sd^2 / tau."""
-    tau = np.array([_POSITION_TAU / shown.position.lasting] * 3 + [_VELOCITY_TAU] * 3)
-    sd = np.array([*np.sqrt(position_variance), *velocity_sd(gnss, shown.velocity.lasting)])
+def wander(gnss: GnssParameters, position_variance: np.ndarray, identified: NoiseIdentification) -> Wander:
+    """Process model of the six states with the identified factors ``identified``: driving noise 2 sd^2 / tau."""
+    tau = np.array([_POSITION_TAU / identified.position.lasting] * 3 + [_VELOCITY_TAU] * 3)
+    sd = np.array([*np.sqrt(position_variance), *velocity_sd(gnss, identified.velocity.lasting)])
     return Wander(walk=tuple((sd * np.sqrt(2.0 / tau)).tolist()), tau=tuple(tau.tolist()))
 
 
-def white_position(R: np.ndarray, shared: float, lasting: np.ndarray, shown: NoiseIdentification) -> np.ndarray:
+def white_position(R: np.ndarray, shared: float, lasting: np.ndarray, identified: NoiseIdentification) -> np.ndarray:
     """White noise (3, 3) [m^2] of a position of covariance ``R``, with correlated variance ``lasting`` (3,) [m^2].
 
     A variance beyond that of the states is inflated by ``shared``, since it is correlated without a state. The factor
     ``gnss_variance`` identified in flight is included.
     """
     white = np.empty((3, 3))
-    white_noise(R, _WHITE_POSITION**2 * shown.position.white, shared, lasting, shown.gnss_variance, white)
+    white_noise(R, _WHITE_POSITION**2 * identified.position.white, shared, lasting, identified.gnss_variance, white)
     return white
 
 
-def white_velocity(R: np.ndarray, variance: np.ndarray, shown: NoiseIdentification) -> np.ndarray:
+def white_velocity(R: np.ndarray, variance: np.ndarray, identified: NoiseIdentification) -> np.ndarray:
     """``white_position`` for a velocity [(m/s)^2], with the ``variance`` (3,) of the parameters as ``lasting``."""
     white = np.empty((3, 3))
-    white_noise(R, _WHITE_VELOCITY**2 * shown.velocity.white, 1.0, variance, shown.gnss_variance, white)
+    white_noise(R, _WHITE_VELOCITY**2 * identified.velocity.white, 1.0, variance, identified.gnss_variance, white)
     return white
 
 
@@ -109,9 +109,9 @@ def white_noise(R, share, beyond, lasting, factor, white):
             white[i, k] = factor * (share * R[i, k] + excess)
 
 
-def figures(gnss: GnssParameters, position_variance: np.ndarray, shown: NoiseIdentification) -> dict[str, float]:
+def figures(gnss: GnssParameters, position_variance: np.ndarray, identified: NoiseIdentification) -> dict[str, float]:
     """Status: identified deviations, correlation times and white noise per horizontal axis [m, s, m/s]."""
-    position, velocity, position_sd = shown.position, shown.velocity, math.sqrt(position_variance[0])
+    position, velocity, position_sd = identified.position, identified.velocity, math.sqrt(position_variance[0])
     return {
         "gnss.error.position_sd": position_sd,
         "gnss.error.position_tau": _POSITION_TAU / position.lasting,

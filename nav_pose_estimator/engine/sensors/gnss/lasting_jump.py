@@ -6,16 +6,16 @@ from nav_pose_estimator.core.gnss.reacquisition import Decision, ReacquisitionSe
 
 _CREDIBLE = 3.0  # standard deviations that cover both ends of a jump
 _FRESH, _SHORT = 10.0, 20.0
-"""s for which the return from a short outage, and how short, covers its offset as well: fixes between obstacles are off
-alike for seconds, and the navigator hardly is."""
-_FEW = ("consistency", "innovation")  # decisions on too few fixes for a contradiction
+"""s for which sigma covers the offset of a return, and s: longest outage before it. Between obstacles, fixes have a
+common error for seconds, while the navigator has hardly drifted."""
+_FEW = ("consistency", "innovation")  # reasons while there are too few fixes for a contradiction
 _HOLDS = 2.0  # s after the last contradicting fix for which the doubt is reported
 
 
 class LastingJump:
     """Doubt after a jump: until the end of the probation either of the two positions may be right.
 
-    For some seconds this holds for the return from a short outage as well, which is no reason for a warning.
+    For some seconds the same holds after the return from a short outage, but without a warning.
     """
 
     def __init__(self) -> None:

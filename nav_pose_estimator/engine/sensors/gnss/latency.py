@@ -15,20 +15,20 @@ class Latency:
 
     def __init__(self, journal: Journal) -> None:
         self._journal = journal
-        self._delay, self._told, self._set = 0.0, 0.0, 0.0  # s
+        self._delay, self._reported, self._configured_delay = 0.0, 0.0, 0.0  # s
 
     @property
     def is_on(self) -> bool:
         """Whether the latency has a notable effect on the position."""
         return abs(self._delay) > _NOTABLE
 
-    def found(self, delay: float, already: float, stamp_ns: int) -> None:
-        """Take an estimate: ``delay`` [s] beyond the ``already`` configured ``gnss.delay``, 0 without one."""
-        self._delay, self._set = delay, already
-        if delay and abs(delay - self._told) > _SAME:
-            self._told = delay
+    def found(self, delay: float, configured: float, stamp_ns: int) -> None:
+        """Take an estimate: ``delay`` [s] beyond the ``configured`` value of ``gnss.delay``, 0 without one."""
+        self._delay, self._configured_delay = delay, configured
+        if delay and abs(delay - self._reported) > _SAME:
+            self._reported = delay
             level = Level.WARN if self.is_on else Level.INFO
-            self._journal.say(stamp_ns, "gnss.delayed", level, self._in_words(), delay=already + delay)
+            self._journal.say(stamp_ns, "gnss.delayed", level, self._in_words(), delay=configured + delay)
 
     def least_sd(self, speed: float) -> float:
         """Floor of the position's standard deviation [m] at this horizontal ``speed`` [m/s]."""
@@ -39,7 +39,7 @@ class Latency:
         return self._in_words() if self.is_on else ""
 
     def _in_words(self) -> str:
-        size, total = abs(self._delay), self._set + self._delay
+        size, total = abs(self._delay), self._configured_delay + self._delay
         if self._delay > 0.0:
             return (
                 f"GNSS lags the motion measured by the IMU by {size:.1f} s: set gnss.delay to {total:.1f} "

@@ -9,11 +9,11 @@ from nav_pose_estimator.engine.solutions import Level
 
 _CREDIBLE = 2.0  # standard deviations that cover both the position of GNSS and that of the IMU
 _BEFORE = 9.0  # s from the beginning of a contradiction until it is established
-_NEWEST = 0.2  # weight of the newest fix in the mean of the last ones
+_NEWEST = 0.2  # weight of the newest fix in the running mean
 _MOVED = 4.0  # m: smallest motion at rest that counts; recorded flights: 2.6 m at most
-_CHANCES = 1.6  # the same in distances of two fixes by chance: what a receiver states may happen at rest
-_FURTHER = 1.1  # growth that counts as new
-_HOLDS = 20.0  # s for which it counts after it was last exceeded
+_CHANCE_FACTOR = 1.6  # the same relative to the distance of two fixes due to their stated noise
+_FURTHER = 1.1  # relative growth at which the floor is raised
+_HOLDS = 20.0  # s for which the floor is kept after it was last raised
 
 
 class OtherMotion:
@@ -24,26 +24,26 @@ class OtherMotion:
 
     def __init__(self, journal: Journal) -> None:
         self._journal = journal
-        self._way, self._speed, self._share = 0.0, 0.0, 0.0  # m, m/s, unexplained fraction of the variation
+        self._distance, self._speed, self._share = 0.0, 0.0, 0.0  # m, m/s, unexplained fraction of the variation
         self.is_on = False
 
     def second(self, is_contradicted: bool, apart: float, share: float, stamp_ns: int) -> None:
         """Process the verdict of a second: difference ``apart`` [m/s] and unexplained ``share`` in the last window."""
         if is_contradicted and not self.is_on:
-            self.is_on, self._speed, self._way, self._share = True, apart, apart * _BEFORE, share
+            self.is_on, self._speed, self._distance, self._share = True, apart, apart * _BEFORE, share
             text = f"{self.reason()}; the position still follows GNSS, and its sigma grows"
             self._journal.say(stamp_ns, "gnss.other_motion", Level.ERROR, text, speed=apart)
         elif self.is_on and not is_contradicted:
-            self.is_on, self._way, self._speed = False, 0.0, 0.0
+            self.is_on, self._distance, self._speed = False, 0.0, 0.0
             text = "GNSS and IMU tell the same motion again"
             self._journal.say(stamp_ns, "gnss.other_motion.ended", Level.INFO, text)
         elif self.is_on and apart:
             self._speed, self._share = apart, share
-            self._way += apart
+            self._distance += apart
 
     def least_sd(self) -> tuple[float, float]:
         """Floors of the standard deviations of position [m] and velocity [m/s] on each horizontal axis."""
-        return self._way / _CREDIBLE, self._speed / _CREDIBLE
+        return self._distance / _CREDIBLE, self._speed / _CREDIBLE
 
     def reason(self) -> str:
         """Why the position is less certain than usual, one clause for the user; empty where it is not."""
@@ -59,7 +59,7 @@ class OtherMotion:
 class RestDrift:
     """Positions that move while IMU and GNSS velocity show rest, as those of a receiver that converges after its start.
 
-    As far as they have moved, they may be off: that was the error of the first ones at least.
+    The distance moved is the floor of the position error, because the first fixes were wrong by at least that much.
     """
 
     def __init__(self) -> None:
@@ -88,7 +88,7 @@ class RestDrift:
             self._first = self._place if rests else None
             return
         moved = abs(self._place - self._first)
-        if moved > max(_MOVED, _CHANCES * self._chance, _FURTHER * self.least_sd):
+        if moved > max(_MOVED, _CHANCE_FACTOR * self._chance, _FURTHER * self.least_sd):
             self.least_sd, self._until = moved, t + _HOLDS
 
     @property

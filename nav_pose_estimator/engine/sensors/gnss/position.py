@@ -23,10 +23,10 @@ from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.gnss import GnssParameters
 from nav_pose_estimator.engine.samples import GnssFix, Vector3
 from nav_pose_estimator.engine.sensors.aiding import Aiding
-from nav_pose_estimator.engine.sensors.gnss.elsewhere import Elsewhere
 from nav_pose_estimator.engine.sensors.gnss.innovation_record import InnovationRecord
 from nav_pose_estimator.engine.sensors.gnss.lasting_error import whole_variance
 from nav_pose_estimator.engine.sensors.gnss.lasting_jump import Contradiction, LastingJump
+from nav_pose_estimator.engine.sensors.gnss.position_monitors import PositionMonitors
 from nav_pose_estimator.engine.sensors.gnss.pull import Pull
 from nav_pose_estimator.engine.sensors.gnss.reception import GnssReception
 from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import StatedAccuracy
@@ -35,7 +35,7 @@ from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
 from nav_pose_estimator.engine.solutions import Level
 
 _ANOTHER_PLACE = 5e4  # m: a reset by more means that the start was wrong, and the origin with it
-_SAME_STEP = 20.0  # s after which another height that is left out gives an event again
+_SAME_STEP = 20.0  # s without a rejected height after which the next one is an event again
 _EITHER = 0.71  # RMS error, relative to the step, where either of two height references may be right
 CHANCE = 2.5
 """Standard deviations by which two fixes minutes apart may differ."""
@@ -64,16 +64,16 @@ class GnssPositionSensor(Sensor):
         self._accuracy = StatedAccuracy("position")
         self.heights = HeightReference()
         self.slow_height = SlowHeight()
-        self._height_told = -math.inf  # s: time at which a height was last left out
+        self._height_left_out = -math.inf  # s: time at which a height was last left out
         self.origin: tuple[float, float, float] | None = None
         self.resets = 0
         self.last_reset_m = math.nan  # size of the last reset
         self.failure = ""  # why the filter has to start again, because a reset is not sufficient
         self.jump, self.contradiction = LastingJump(), Contradiction()
         self.pull = Pull(journal, parameters.gnss.reacquisition.probation)
-        self.elsewhere = Elsewhere(journal, reception.rounding, reception.scatter)
-        self.abandons_origin = False  # the start was far from the true position, and with it the origin
-        self._velocity_apart = 0.0  # Mahalanobis distance of the velocity at the last fix
+        self.monitors = PositionMonitors(journal, reception.rounding, reception.scatter)
+        self.abandons_origin = False  # whether the start, and with it the origin, was far from the true position
+        self._velocity_sigmas = 0.0  # Mahalanobis distance of the velocity at the last fix
         self.gate_radius = math.nan  # m: largest horizontal innovation of an expected fix
 
     @classmethod
@@ -109,26 +109,27 @@ class GnssPositionSensor(Sensor):
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
         """The guard's decision, with the covariance factor and the floors of all monitors."""
-        widening = self._doubted(o, f) if self._aiding.gnss_is_good(o.t) else 1.0
-        decision = self._ask_the_guard(o, f)
+        widening = self._consistency_factor(o, f) if self._aiding.gnss_is_good(o.t) else 1.0
+        decision = self._guard_decision(o, f)
         if self.velocity.doubt.is_hopeless(o.t) and o.t - self._aiding.fix_used < self._despair_gap:
             self.failure = "GNSS was never away, yet velocities differ, and positions too"
-        (pulled, pull_speed), (far, high, fast) = self.pull.least_sd(), self.elsewhere.least_sd(_speed(f))
-        vertical = max(_EITHER * self.heights.span, high)
+        pull_sd, pull_speed_sd = self.pull.least_sd()
+        monitored_sd, height_sd, speed_sd = self.monitors.least_sd(_speed(f))
+        vertical = max(_EITHER * self.heights.span, height_sd)
         if decision.use in (Use.GATED, Use.UNGATED) and not math.isnan(decision.reference):
             self.slow_height.note(o.t, -float(self.linearise(o, f)[0][2]))
             vertical = max(vertical, self.slow_height.least_sd(self.vertical_sd))
-        least_sd = (max(self.jump.least_sd(o.t), pulled, far), vertical, max(pull_speed, fast))
+        least_sd = (max(self.jump.least_sd(o.t), pull_sd, monitored_sd), vertical, max(pull_speed_sd, speed_sd))
         return replace(decision, widening=widening, least_sd=least_sd)
 
     def doubt(self, t: float) -> str:
         """Why the position at ``t`` [s] is less certain than usual, one clause for the user; empty where it is not."""
-        told = self.jump.reason(t) or self.contradiction.reason(t) or self.elsewhere.reason() or self.pull.reason()
-        if told or not self._aiding.gnss_is_good(t):
-            return told
+        reason = self.jump.reason(t) or self.contradiction.reason(t) or self.monitors.reason() or self.pull.reason()
+        if reason or not self._aiding.gnss_is_good(t):
+            return reason
         return self.velocity.doubt.lately(t)
 
-    def _doubted(self, o: Observation, f: FilterView) -> float:
+    def _consistency_factor(self, o: Observation, f: FilterView) -> float:
         """Factor on the covariance by the consistency test of velocities and positions, with its events."""
         z, H, R = (part[:2] for part in self.linearise(o, f))
         doubt = self.velocity.doubt
@@ -141,7 +142,7 @@ class GnssPositionSensor(Sensor):
             self._journal.say(o.stamp_ns, "doubt.ended", Level.INFO, "navigator and GNSS agree again")
         return factor
 
-    def _ask_the_guard(self, o: Observation, f: FilterView) -> Decision:
+    def _guard_decision(self, o: Observation, f: FilterView) -> Decision:
         """Offer the fix to the guard, and turn its decision into one of the filter."""
         reference = self._height_reference(o, f)
         z, H, R = self.linearise(o, f)
@@ -150,25 +151,25 @@ class GnssPositionSensor(Sensor):
         R = self._accuracy.lasting(o, R, self.noise, self._journal)
         # the guard receives positions of the receiver alone, so that an error of the filter cannot distort its tracks
         fix = local(o.measured, reference, float(f.nav[ALT]), self.origin)
-        off, sd = [*z.tolist(), 0.0][:3], [*np.sqrt(whole_variance(R, self.reception.lasting)).tolist(), 0.0][:3]
-        self.pull.fix(o.t, (-off[0], -off[1]), o.stamp_ns)
-        self.elsewhere.fix(off[0], off[1], o.stamp_ns)
-        predicted = [place + difference for place, difference in zip(fix, off, strict=True)]
+        offset, sd = [*z.tolist(), 0.0][:3], [*np.sqrt(whole_variance(R, self.reception.lasting)).tolist(), 0.0][:3]
+        self.pull.fix(o.t, (-offset[0], -offset[1]), o.stamp_ns)
+        self.monitors.fix(offset[0], offset[1], o.stamp_ns)
+        predicted = [place + difference for place, difference in zip(fix, offset, strict=True)]
         predicted_sd = np.sqrt(f.P.diagonal()[DPOS : DPOS + 3]).tolist()
         gap = max(o.t - self._aiding.fix_used, 0.0)
         self.gate_radius = self.guard.settings.sigmas * math.hypot(max(sd[:2]), max(predicted_sd[:2]))
-        velocity, strange = self._velocity_now(o, f, (z, H, R))
-        broken = self._velocity_apart > self.guard.settings.sigmas and gap < self._despair_gap
-        if broken:  # the filter is wrong, not GNSS
-            strange = 0.0
-        decision = self.guard.offer(o.t, fix, velocity, sd, predicted, predicted_sd, gap, strange)
+        velocity, unexplained_sigmas = self._velocity_now(o, f, (z, H, R))
+        filter_is_wrong = self._velocity_sigmas > self.guard.settings.sigmas and gap < self._despair_gap
+        if filter_is_wrong:
+            unexplained_sigmas = 0.0
+        decision = self.guard.offer(o.t, fix, velocity, sd, predicted, predicted_sd, gap, unexplained_sigmas)
         if decision.notice is not None:
-            self.reception.tell(o.stamp_ns, decision.notice, offset_m=math.hypot(*decision.offset), gap_s=gap)
+            self.reception.report(o.stamp_ns, decision.notice, offset_m=math.hypot(*decision.offset), gap_s=gap)
         self.contradiction.note(o.t, decision, self.guard.settings)
         if decision.action in ("wait", "reject"):
             self.reception.refuse(o.stamp_ns, decision.reason, in_words(decision.reason))
             return LEFT_OUT
-        self.elsewhere.used(o, fix, velocity, CHANCE * max(sd[:2]))
+        self.monitors.used(o, fix, velocity, CHANCE * max(sd[:2]))
         if not decision.gated:
             self.jump.returned(o.t, gap, decision)
         if decision.action == "fuse":
@@ -177,8 +178,8 @@ class GnssPositionSensor(Sensor):
         if math.hypot(*decision.offset) > _ANOTHER_PLACE:
             self.abandons_origin = True
             self.failure = f"GNSS is {1e-3 * math.hypot(*decision.offset):.0f} km from where the navigator started"
-        elif broken:
-            self.failure = f"GNSS was never away, yet velocities differ by {self._velocity_apart:.0f} sigma"
+        elif filter_is_wrong:
+            self.failure = f"GNSS was never away, yet velocities differ by {self._velocity_sigmas:.0f} sigma"
         return Decision(Use.RESET, reference, tuple(velocity or ()))
 
     def _height_reference(self, o: Observation, f: FilterView) -> float:
@@ -190,22 +191,25 @@ class GnssPositionSensor(Sensor):
         sigmas, variances = self.guard.settings.sigmas, own + f.P.diagonal()[DPOS : DPOS + 3]
         if np.any(np.abs(z[:2]) > sigmas * np.sqrt(variances[:2])):
             return self.heights.shift
-        off, known = -float(z[2]), self._aiding.height_is_good(o.t) and not self.velocity.doubt.reason
+        offset, known = -float(z[2]), self._aiding.height_is_good(o.t) and not self.velocity.doubt.reason
         outcome = self.heights.offer(
-            o.t, off, sigmas * math.sqrt(variances[2]), 0.5 * sigmas * math.sqrt(own[2]), known
+            o.t, offset, sigmas * math.sqrt(variances[2]), 0.5 * sigmas * math.sqrt(own[2]), known
         )
         if outcome == height_reference.USED:
             return self.heights.shift
         if outcome == height_reference.MOVED:
-            text = f"GNSS heights stay {off:+.1f} m off: taken as another reference (geoid, ellipsoid) and shifted back"
+            text = (
+                f"GNSS heights stay {offset:+.1f} m off: taken as another reference (geoid, ellipsoid) and shifted back"
+            )
             self._journal.say(o.stamp_ns, "gnss.height.moved", Level.WARN, text, shift_m=self.heights.shift)
             return self.heights.shift
-        told, self._height_told = self._height_told, o.t
-        if o.t - told < _SAME_STEP:
+        last_left_out, self._height_left_out = self._height_left_out, o.t
+        if o.t - last_left_out < _SAME_STEP:
             self._journal.count("gnss.rejected.height")
         else:
             text = (
-                f"GNSS height not used: it jumped by {off:+.0f} m while the position stayed: geoid against ellipsoid?"
+                f"GNSS height not used: it jumped by {offset:+.0f} m while the position stayed: "
+                "geoid against ellipsoid?"
             )
             self._journal.say(o.stamp_ns, "gnss.rejected.height", Level.WARN, text)
         return math.nan
@@ -214,7 +218,7 @@ class GnssPositionSensor(Sensor):
         """The receiver's last velocity (None without one), and the joint distance that no drift explains."""
         last = self.velocity.misfit_at(o.t)
         if last is None:
-            self._velocity_apart = 0.0
+            self._velocity_sigmas = 0.0
             return None, 0.0
         z, H, position_R = position
         difference = np.array(last.difference)
@@ -223,10 +227,10 @@ class GnssPositionSensor(Sensor):
         measurements.see_gnss_error(velocity_z, velocity_H, f.nav, f.constants, measurements.VELOCITY)
         R = np.zeros((placed + rows, placed + rows))
         R[:placed, :placed], R[placed:, placed:] = position_R, last.R
-        self._velocity_apart = distance(difference, velocity_H[:rows], f.P, last.R)
+        self._velocity_sigmas = distance(difference, velocity_H[:rows], f.P, last.R)
         both = np.concatenate([z, difference]), np.concatenate([H, velocity_H[:rows]])
-        strange = unexplained(*both, f.P, R, placed)
-        return last.velocity, strange
+        unexplained_sigmas = unexplained(*both, f.P, R, placed)
+        return last.velocity, unexplained_sigmas
 
     def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
         """Count the outcome, and record the innovations of gated fixes."""
@@ -235,7 +239,7 @@ class GnssPositionSensor(Sensor):
             self.resets += 1
             self.last_reset_m = float(np.linalg.norm(z))
         elif o.decision.use is Use.GATED:
-            self.record.add(nis, z, self.reception.fix_period, believed=status == ACCEPTED)
+            self.record.add(nis, z, self.reception.fix_period, accepted=status == ACCEPTED)
             if status == 0:
                 reason = "gnss.rejected.position_innovation"
                 self.reception.refuse(o.stamp_ns, reason, "the position disagrees with the filter")
@@ -262,7 +266,7 @@ def _speed(f: FilterView) -> float:
 def local(
     place: tuple[float, float, float], reference: float, height: float, origin: tuple[float, float, float] | None
 ) -> Vector3:
-    """A fix in the local frame (3,) [m], its height less ``reference``, or ``height`` where it has none."""
+    """A fix in the local frame (3,) [m], its height minus ``reference``, or ``height`` where it has none."""
     lat, lon, alt = place[0], place[1], place[2] - reference
     if math.isnan(alt):
         alt = height

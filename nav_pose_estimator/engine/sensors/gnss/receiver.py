@@ -19,14 +19,14 @@ from nav_pose_estimator.engine.sensors.gnss.velocity import GnssVelocitySensor
 from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
 
 _LARGEST_FACTOR = 9.0  # of the covariance: three times the deviation
-_LATELY = (1.0, 3.0)  # s: a lasting disagreement of velocities, and one that manoeuvres to and fro would hide in it
-_LASTING_SD = 0.3  # m/s: what a receiver's velocities may have in common for so long
-_SURPRISING = 4.0  # normalised square of their mean innovation, two on average, that is still taken for chance
+_RECENT = (1.0, 3.0)  # s of averaged innovations; the longer average may cancel in manoeuvres to and fro
+_LASTING_SD = 0.3  # m/s: error that a receiver's velocities may have in common over that time
+_CHANCE_LIMIT = 4.0  # largest NIS of that mean that may be chance; its expectation is two
 _LARGEST_WIDENING = 100.0  # factor on the covariance of the motion
 
 
-class Shown(NamedTuple):
-    """What the last innovations have shown of the filter when GNSS is lost.
+class LossEvidence(NamedTuple):
+    """What the last innovations before a loss of GNSS have shown of the filter.
 
     ``factor`` by which its covariance is too small; estimate minus measurement, East and North, of positions (2,) [m]
     and of velocities (2,) [m/s].
@@ -38,20 +38,20 @@ class Shown(NamedTuple):
 
     @property
     def positions_agree(self) -> bool:
-        """Whether position and velocity are off the same way: a filter that is too fast gets ahead.
+        """Whether position and velocity errors have the same direction: a filter that is too fast is ahead.
 
-        A receiver's wrong velocity would have drawn the filter the other way.
+        A wrong velocity of the receiver would have moved the filter in the opposite direction.
         """
         return float(self.velocity @ self.position) > 0.0
 
 
 class GnssLoss(Sensor):
-    """No measurement: from its time on the covariance is scaled by what the last innovations have shown, and the
-    position lies where the last fixes were on average.
+    """No measurement: it scales the covariance by what the last innovations have shown, and moves the position to the
+    mean of the last fixes.
 
-    A filter whose velocity was off for seconds, farther than it states, was wrong about more than that: its tilt went
-    wrong first. Then its motion is as uncertain as the disagreement says. Where the positions agree with that, the
-    velocities are taken in once more; else the error may be the receiver's.
+    A velocity error that lasted for seconds and exceeds the stated deviation is due to a tilt error. The covariance of
+    the motion is then enlarged until it covers the disagreement. Where the positions agree with it, the velocities
+    correct the filter once more; else the error may be the receiver's.
     """
 
     kind = Kind("gnss_loss", precedence=2, whole=True)
@@ -61,15 +61,15 @@ class GnssLoss(Sensor):
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
         """By what was known when the loss was declared."""
-        shown = o.measured
-        stated = shown.factor * bias_noise.overstatement(f.nav) * f.P
+        evidence = o.measured
+        stated = evidence.factor * bias_noise.overstatement(f.nav) * f.P
         z, H, R = self.linearise(o, f)
         square = innovation(stated, z, H, R)
-        is_surprised = square > _SURPRISING
-        widening = min(square / len(z), _LARGEST_WIDENING) if is_surprised else 1.0
-        east, north = (-shown.position).tolist()
-        once_more = is_surprised and shown.positions_agree
-        return Decision(Use.WIDENING, shown.factor, widening=widening, shift=(east, north), once_more=once_more)
+        is_inconsistent = square > _CHANCE_LIMIT
+        widening = min(square / len(z), _LARGEST_WIDENING) if is_inconsistent else 1.0
+        east, north = (-evidence.position).tolist()
+        once_more = is_inconsistent and evidence.positions_agree
+        return Decision(Use.WIDENING, evidence.factor, widening=widening, shift=(east, north), once_more=once_more)
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
         """The mean innovation of the last velocities, of one second or of three, whichever is larger."""
@@ -114,9 +114,9 @@ class Gnss:
         """At ``t`` GNSS counts as lost: what the last innovations have shown acts on the filter."""
         last, velocity = self.velocity.misfit, np.zeros(2)
         is_noise = self.reception.velocity_scatter.is_on
-        if last is not None and not is_noise and last.t > self._aiding.fix_used - max(_LATELY):
-            velocity = max((self.velocity.record.mean_of_last(seconds) for seconds in _LATELY), key=np.linalg.norm)
-        return Observation(t, stamp_ns, self.loss.kind, Shown(self.variance_factor, self.offset, velocity))
+        if last is not None and not is_noise and last.t > self._aiding.fix_used - max(_RECENT):
+            velocity = max((self.velocity.record.mean_of_last(seconds) for seconds in _RECENT), key=np.linalg.norm)
+        return Observation(t, stamp_ns, self.loss.kind, LossEvidence(self.variance_factor, self.offset, velocity))
 
     @property
     def offset(self) -> np.ndarray:
@@ -148,7 +148,7 @@ class Gnss:
             figures[f"innovation.{sensor.kind.name}.lag_1"] = sensor.record.lag_one
         lasting = self.reception.lasting
         if lasting is not None:
-            figures |= lasting_error.figures(self._parameters, lasting.variance, self.reception.shown)
+            figures |= lasting_error.figures(self._parameters, lasting.variance, self.reception.identified)
         figures["gnss.noise.position_factor"] = self.position.noise.factor
         figures["gnss.noise.velocity_factor"] = self.velocity.noise.factor
         figures["gnss.gate_radius_m"] = self.position.gate_radius

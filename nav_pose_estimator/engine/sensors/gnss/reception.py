@@ -29,12 +29,12 @@ from nav_pose_estimator.engine.solutions import Level
 _PERIOD_MEMORY = 6  # fixes from which the period is estimated
 _STUCK = 4  # consecutive repetitions of a position after which the receiver may be stuck
 _MOVED = 8.0  # m: displacement by velocities beyond which a repeated position is stuck or rounded
-_ZEROS_TOLD = 2  # heights of exactly zero, from the start and at different positions, that show an unfilled field
-_CELLS = 2.0  # the same limit for rounded positions, in steps of the rounding
+_ZEROS_UNFILLED = 2  # heights of exactly zero, from the start and at different positions, that show an unfilled field
+_CELLS = 2.0  # like ``_MOVED`` for rounded positions, in steps of the grid
 _INTEGER_DEGREES = 1e5  # deg: larger values are probably degrees times 1e7
 _HIGHEST = 1e5  # m: larger heights are probably in mm
-_CLIMBED = 4.0  # m: change of the barometric height that shows a receiver whose static hold does not end
-_WEATHER = 0.02  # m/s: change of the barometric height by weather and warming up, which shows nothing
+_CLIMBED = 4.0  # m: change of the barometric height at which a receiver's static hold should have ended
+_WEATHER = 0.02  # m/s: change of the barometric height by weather and warming up, which is no evidence
 _AHEAD = 1.0  # s: a fix whose stamp is further ahead of the IMU is rejected
 _UNFILLED = FROZEN + 1  # another verdict on heights besides those of ``frozen``
 _HEIGHT_FAULTS = {
@@ -47,9 +47,13 @@ _LEVELS = {"info": Level.INFO, "warn": Level.WARN, "error": Level.ERROR}
 # --- the state of ``_Repeats``: index of each quantity, with its size if that is not 1 -------------------------------
 _PLACE, _T = 0, 3  # (3) rad, rad, m: last fix, and its time [s]
 _REPEATS, _STAYS = 4, 5  # its repetitions, and those of latitude and longitude
-_WAY = 6  # (2) m: where velocities led when the place came for the first time, East and North
+_INTEGRAL = 6  # (2) m: integral of the velocities when the position came for the first time, East and North
 _HEIGHT = 8  # m: pressure altitude then, which follows the weather
-_HEIGHT_T, _ZEROS, _VERDICT = 9, 10, 11  # s: last height; heights of zero so far (none once it is filled); the verdict
+_HEIGHT_T, _ZEROS, _VERDICT = (
+    9,
+    10,
+    11,
+)  # s: last height; heights of zero so far (none once the field is filled); the verdict
 _SIZE = 12
 
 
@@ -63,18 +67,18 @@ class GnssReception:
         self.enabled = True
         self.refusal = "no fix has arrived yet"
         self.satellites: int | None = None
-        self.shown = NoiseIdentification()  # noise identified in flight, set by the run
+        self.identified = NoiseIdentification()  # noise identified in flight, set by the run
         self.velocities = VelocityInput(journal)
         self.rounding, self.scatter = Rounding(journal), Scatter(journal)
         self.velocity_scatter = VelocityScatter(journal)
         self._usable = False  # the last fix
-        self.way = Way()
+        self.fix_track = FixTrack()
         self._fix_times: list[float] = []  # of the newest fixes, in order of time
         self.fix_period = 1.0
         """Time between fixes [s]: the shortest of the last few, so that it is the same when one comes late."""
         self._repeats = _Repeats(journal)
-        self._no_height_told = False
-        self._told_ahead = math.nan  # s: clock offset of the last event
+        self._no_height_reported = False
+        self._reported_ahead = math.nan  # s: clock offset that was reported last
 
     def set_parameters(self, parameters: GnssParameters) -> None:
         """Take new thresholds and noises; the gate stays open or closed."""
@@ -97,13 +101,13 @@ class GnssReception:
         if sample.status < 0:
             return self.refuse(sample.stamp_ns, "gnss.rejected.status", "the receiver has no fix")
         if not is_position(sample.lat, sample.lon, 0.0 if math.isnan(sample.alt) else sample.alt):
-            return self.refuse(sample.stamp_ns, "gnss.rejected.value", _no_place(sample))
+            return self.refuse(sample.stamp_ns, "gnss.rejected.value", _invalid_position(sample))
         if sample.lat == 0.0 and sample.lon == 0.0:
             why = "latitude and longitude are exactly zero, which is what drivers send before the first fix"
             return self.refuse(sample.stamp_ns, "gnss.rejected.null_island", why)
-        stayed_for = self._repeats.note(sample, t, self.velocities)
-        self.rounding.fix(sample.lat, sample.lon, _MOVED < stayed_for < math.inf, sample.stamp_ns)
-        if stayed_for > _MOVED and stayed_for > _CELLS * self.rounding.step:
+        moved = self._repeats.note(sample, t, self.velocities)
+        self.rounding.fix(sample.lat, sample.lon, _MOVED < moved < math.inf, sample.stamp_ns)
+        if moved > _MOVED and moved > _CELLS * self.rounding.step:
             why = "the position repeats to the last digit while the vehicle moves: the receiver is stuck"
             return self.refuse(sample.stamp_ns, "gnss.rejected.stuck", why)
         if self.velocities.position_fault:
@@ -121,29 +125,31 @@ class GnssReception:
         verdict = self.gate.assess_fix(t, sample.status, horizontal, vertical, age=max(now - t, 0.0))
         self._aiding.fix_period = self.gate.period
         for notice in verdict.notices:
-            self.tell(sample.stamp_ns, notice)
+            self.report(sample.stamp_ns, notice)
         if not verdict.usable:
             late = verdict.reason == "gnss.rejected.age"
-            why = self._clocks(sample, t - now) if late else _why(verdict.reason, self.gate.settings)
+            why = self._clocks(sample, t - now) if late else _gate_reason(verdict.reason, self.gate.settings)
             return self.refuse(sample.stamp_ns, verdict.reason, why)
         self.fix_period = _period_with(self._fix_times, t)
         self._usable = True
         self._aiding.fix_offered = t
-        self.way.add(sample.lat, sample.lon)
+        self.fix_track.add(sample.lat, sample.lon)
         if math.isnan(sample.alt):
-            self._tell_no_height(sample.stamp_ns)
+            self._report_no_height(sample.stamp_ns)
         if self._repeats.is_new and not self.rounding.is_on:
             walk = self.velocity_scatter.sd * math.sqrt(self.fix_period)
-            self.velocities.fix(self._repeats.believed(sample), t, horizontal or 0.0, walk)
-            # other noise models find such noise by themselves
+            self.velocities.fix(self._repeats.without_bad_height(sample), t, horizontal or 0.0, walk)
+            # adaptive noise models estimate such noise themselves
             if self._parameters.noise == "fixed" and self.velocities.is_fresh(t) and not self.velocities.doubted:
                 stated = max(horizontal or 0.0, self._parameters.position_sd)
-                self.scatter.fix(t, self.way.place - self.velocities.way, sample.alt, stated, sample.stamp_ns)
+                self.scatter.fix(
+                    t, self.fix_track.position - self.velocities.integral, sample.alt, stated, sample.stamp_ns
+                )
         return True
 
-    def believed(self, sample: GnssFix) -> GnssFix:
+    def without_bad_height(self, sample: GnssFix) -> GnssFix:
         """A fix that has passed, without its height where that is known to be wrong."""
-        sample = self._repeats.believed(sample)
+        sample = self._repeats.without_bad_height(sample)
         return replace(sample, alt=math.nan) if self.velocities.height_fault else sample
 
     def velocity(self, sample: GnssVelocity, t: float) -> GnssVelocity | None:
@@ -162,9 +168,9 @@ class GnssReception:
         shared = 1.0 + self._parameters.position_correlation / self.fix_period
         if in_filter and self.lasting is not None:
             self.lasting.receive(R)
-            R = lasting_error.white_position(R, shared, self.lasting.variance, self.shown)
+            R = lasting_error.white_position(R, shared, self.lasting.variance, self.identified)
         else:
-            R = R * self.shown.gnss_variance * shared
+            R = R * self.identified.gnss_variance * shared
         if self.scatter.is_on:
             horizontal, vertical = self.scatter.sd
             R[np.diag_indices(3)] += (horizontal**2, horizontal**2, vertical**2)
@@ -175,9 +181,9 @@ class GnssReception:
         cov = None if sample.cov_enu is None else self._known(sample.cov_enu, "velocity")
         R = _floored(cov, self._velocity_floor)
         if in_filter and self._parameters.error_states:
-            R = lasting_error.white_velocity(R, self._velocity_variance, self.shown)
+            R = lasting_error.white_velocity(R, self._velocity_variance, self.identified)
         else:
-            R = self.shown.gnss_variance * R
+            R = self.identified.gnss_variance * R
         if self.velocity_scatter.is_on:
             R[np.diag_indices(3)] += self.velocity_scatter.sd**2
         return R
@@ -203,27 +209,27 @@ class GnssReception:
         self.refusal = ""
         self._journal.count("gnss.used.position")
 
-    def tell(self, stamp_ns: int, notice: Notice, **data: float) -> None:
+    def report(self, stamp_ns: int, notice: Notice, **data: float) -> None:
         """Report an event of gate or guard."""
         self._journal.say(stamp_ns, notice.name, _LEVELS[notice.severity], notice.text, **data)
 
-    def _tell_no_height(self, stamp_ns: int) -> None:
-        if self._no_height_told:
+    def _report_no_height(self, stamp_ns: int) -> None:
+        if self._no_height_reported:
             self._journal.count("gnss.height.missing")
             return
-        self._no_height_told = True
+        self._no_height_reported = True
         text = "a fix without altitude: latitude and longitude are used, the height is the barometer's or held"
         self._journal.say(stamp_ns, "gnss.height.missing", Level.WARN, text)
 
     def _clocks(self, sample: GnssFix, ahead: float) -> str:
         """Clause on the clock offset and its cause; the same words as long as the offset is the same."""
-        if not abs(ahead - self._told_ahead) < 0.5 + 0.01 * abs(ahead):
-            self._told_ahead = ahead
+        if not abs(ahead - self._reported_ahead) < 0.5 + 0.01 * abs(ahead):
+            self._reported_ahead = ahead
         stamp = 1e-9 * sample.stamp_ns
-        return clock_offset.in_words(self._told_ahead, stamp, stamp - self._told_ahead)
+        return clock_offset.in_words(self._reported_ahead, stamp, stamp - self._reported_ahead)
 
     def _known(self, cov: np.ndarray, what: str = "") -> np.ndarray | None:
-        """``cov`` unless it is no covariance: then it is as good as unknown, and counted as ``what``."""
+        """``cov`` unless it is no covariance: then it counts as unknown, and as a flaw of ``what``."""
         if is_covariance(cov, 3):
             return cov
         if what:
@@ -231,11 +237,11 @@ class GnssReception:
         return None
 
 
-class Way:
+class FixTrack:
     """Position of the last fix that may be used, relative to the first one, in a level frame of its own."""
 
     def __init__(self) -> None:
-        self.place = 0j
+        self.position = 0j
         """East + i North [m]."""
         self._last: tuple[float, float] | None = None  # latitude and longitude [rad]
 
@@ -243,7 +249,7 @@ class Way:
         """Add a fix at ``lat``, ``lon`` [rad]."""
         before, self._last = self._last or (lat, lon), (lat, lon)
         east, north, _ = step_of(*before, 0.0, lat, lon, 0.0)
-        self.place += complex(east, north)
+        self.position += complex(east, north)
 
 
 class _Repeats:
@@ -262,18 +268,18 @@ class _Repeats:
     def note(self, sample: GnssFix, t: float, velocities: VelocityInput) -> float:
         """Displacement [m] by velocities while the position has repeated up to the fix valid at ``t`` [s].
 
-        It is infinite if velocities repeat as well, or are zero while the barometer climbs or sinks. An event tells
-        when the height of the fix says nothing, or again.
+        It is infinite if velocities repeat as well, or are zero while the barometer climbs or sinks. An event
+        reports a height that is not filled or frozen, and its recovery.
         """
-        place, way = (sample.lat, sample.lon, sample.alt), velocities.way
-        others = way.real, way.imag, velocities.pressure_altitude, velocities.is_zero, velocities.repeats
+        place, integral = (sample.lat, sample.lon, sample.alt), velocities.integral
+        others = integral.real, integral.imag, velocities.pressure_altitude, velocities.is_zero, velocities.repeats
         was = self._verdict
-        self.is_new, stayed_for, self._verdict = _take_place(self._state, self._frozen.state, t, place, others)
+        self.is_new, moved, self._verdict = _take_place(self._state, self._frozen.state, t, place, others)
         if self._verdict != was:
-            self._tell_height(was in _HEIGHT_FAULTS, sample.stamp_ns)
-        return stayed_for
+            self._report_height(was in _HEIGHT_FAULTS, sample.stamp_ns)
+        return moved
 
-    def _tell_height(self, was_at_fault: bool, stamp_ns: int) -> None:
+    def _report_height(self, was_at_fault: bool, stamp_ns: int) -> None:
         reason = _HEIGHT_FAULTS.get(self._verdict)
         if reason and not was_at_fault:
             text = f"GNSS height not used: {reason}; it is the barometer's or held"
@@ -281,16 +287,16 @@ class _Repeats:
         elif was_at_fault and not reason:
             self._journal.say(stamp_ns, "gnss.height.stuck.ended", Level.INFO, "GNSS heights change again")
 
-    def believed(self, sample: GnssFix) -> GnssFix:
+    def without_bad_height(self, sample: GnssFix) -> GnssFix:
         """The fix, without its height while that is or may be at fault."""
         return sample if self._verdict == LIVE else replace(sample, alt=math.nan)
 
 
 @kernel
 def _take_place(state, frozen, t, place, others):
-    """``_Repeats.note``; ``others``: way by velocities [m], East and North, pressure altitude [m], whether the velocity
-    is zero, and how often it has been repeated. Returns also ``is_new`` and the verdict on the height."""
-    way_east, way_north, altitude, is_zero, repeated = others
+    """``_Repeats.note``; ``others``: integral of the velocities [m], East and North, pressure altitude [m], whether the
+    velocity is zero, and how often it has been repeated. Returns also ``is_new`` and the verdict on the height."""
+    integral_east, integral_north, altitude, is_zero, repeated = others
     stays = place[0] == state[_PLACE] and place[1] == state[_PLACE + 1]
     repeats = stays and place[2] == state[_PLACE + 2]
     state[_STAYS] = state[_STAYS] + 1.0 if stays else 0.0
@@ -298,20 +304,20 @@ def _take_place(state, frozen, t, place, others):
     for axis in range(3):
         state[_PLACE + axis] = place[axis]
     if not stays:
-        state[_WAY], state[_WAY + 1], state[_HEIGHT] = way_east, way_north, altitude
+        state[_INTEGRAL], state[_INTEGRAL + 1], state[_HEIGHT] = integral_east, integral_north, altitude
     climbed = altitude - state[_HEIGHT]
     if t > state[_T] > -math.inf and math.isfinite(climbed):
         state[_HEIGHT] += math.copysign(min(abs(climbed), _WEATHER * (t - state[_T])), climbed)
     state[_T] = t
     if not repeats and not math.isnan(place[2]) and t > state[_HEIGHT_T]:
         _take_height(state, frozen, t, place[2])
-    stayed_for = 0.0
+    moved = 0.0
     if state[_STAYS] >= _STUCK:
         held = is_zero and abs(climbed) > _CLIMBED
-        stayed_for = math.hypot(way_east - state[_WAY], way_north - state[_WAY + 1])
+        moved = math.hypot(integral_east - state[_INTEGRAL], integral_north - state[_INTEGRAL + 1])
         if held or min(state[_REPEATS], repeated) >= _STUCK:
-            stayed_for = math.inf
-    return not repeats, stayed_for, int(state[_VERDICT])
+            moved = math.inf
+    return not repeats, moved, int(state[_VERDICT])
 
 
 @kernel
@@ -322,10 +328,10 @@ def _take_height(state, frozen, t, alt):
         state[_ZEROS] = -math.inf  # it is filled
     state[_ZEROS] += 1.0
     verdict = take_value(frozen, t, alt)
-    state[_VERDICT] = _UNFILLED if state[_ZEROS] >= _ZEROS_TOLD else verdict
+    state[_VERDICT] = _UNFILLED if state[_ZEROS] >= _ZEROS_UNFILLED else verdict
 
 
-def _no_place(sample: GnssFix) -> str:
+def _invalid_position(sample: GnssFix) -> str:
     """Why a fix is not a position on Earth, one clause for the user."""
     largest = math.degrees(max(abs(sample.lat), abs(sample.lon)))
     if _INTEGER_DEGREES < largest < math.inf:
@@ -335,7 +341,7 @@ def _no_place(sample: GnssFix) -> str:
     return "the fix holds NaN or is not a place on Earth"
 
 
-def _why(reason: str, settings: GateSettings) -> str:
+def _gate_reason(reason: str, settings: GateSettings) -> str:
     """Why the gate rejects a fix, one clause for the user."""
     if reason == "gnss.rejected.satellites":
         return f"too few satellites, {settings.min_satellites_enter} are needed"
@@ -346,7 +352,7 @@ def _why(reason: str, settings: GateSettings) -> str:
 
 
 def _horizontal(alt: float, cov: np.ndarray) -> np.ndarray:
-    """The covariance of a fix; where it has no height ``alt``, what is said of that is left out."""
+    """The covariance of a fix; without a height ``alt``, its vertical part is zero."""
     if not math.isnan(alt) or cov.shape != (3, 3):
         return cov
     cov = np.array(cov, dtype=float)

@@ -17,9 +17,9 @@ _GRIDS = sorted(
     [10.0**-k for k in range(1, 5)] + [10.0**-k / 60.0 for k in range(4)] + [1.0 / 3600.0, 0.1 / 3600.0], reverse=True
 )
 """deg: decimals of a degree, of a minute, of a second. The error of a finer grid is below that of receivers."""
-_CHOSEN = 1e-2  # deg: a place with two decimals may be the chosen start of a simulator without noise
+_CHOSEN_GRID = 1e-2  # deg: a place with two decimals may be the chosen start of a simulator without noise
 _FIXES = 10  # smallest number of fixes, all of them since the start
-_ON_IT = 1e-6  # tolerance, relative to a step
+_ON_GRID = 1e-6  # tolerance, relative to a step
 _UNIFORM = 12.0**-0.5  # standard deviation of a uniform distribution over one step
 _RADIAN = math.degrees(1.0)
 
@@ -71,8 +71,8 @@ class Rounding:
             self._journal.say(stamp_ns, "gnss.rounded.ended", Level.INFO, "GNSS positions have more digits again")
 
     def _weigh(self, lat: float) -> None:
-        was_put_there = not self._has_moved and _CHOSEN in self._grids
-        if not self._grids or self._fixes < _FIXES or was_put_there:
+        may_be_chosen = not self._has_moved and _CHOSEN_GRID in self._grids
+        if not self._grids or self._fixes < _FIXES or may_be_chosen:
             self.sd = (0.0, 0.0)
             return
         r_m, r_n = radii(lat)
@@ -92,4 +92,4 @@ class Rounding:
 def _is_on(angle: float, grid: float) -> bool:
     """Whether ``angle`` [deg] is a multiple of ``grid``."""
     steps = angle / grid
-    return abs(steps - round(steps)) < _ON_IT
+    return abs(steps - round(steps)) < _ON_GRID

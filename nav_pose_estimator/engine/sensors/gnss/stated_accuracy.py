@@ -16,8 +16,10 @@ from nav_pose_estimator.engine.solutions import Level
 _TOO_LARGE, _FINE = 9.0, 4.0  # variance factors (3 and 2 times the deviation) at which optimism begins and ends
 _LASTS = 10.0  # s for which the factor must be too large
 _COUNT, _ENOUGH = 25, 8  # differences of which a quantile is taken, and the least number of them
-_QUIET = 0.25  # that quantile: where every third fix is an outlier, it is of the sound ones
-_RAYLEIGH = math.sqrt(-2.0 * math.log(1.0 - _QUIET)) * math.sqrt(2.0)  # it over the deviation of one axis
+_QUANTILE = 0.25  # that quantile, which is robust even where every third fix is an outlier
+_RAYLEIGH = math.sqrt(-2.0 * math.log(1.0 - _QUANTILE)) * math.sqrt(
+    2.0
+)  # ratio of that quantile to the deviation of one axis
 _NORMAL = math.sqrt(6.0) * 0.6745  # median of a second difference of heights over their deviation
 _ON, _OFF = 2.5, 1.2  # smallest deviation, relative to the stated one, with which the noise counts; it ends below _OFF
 _LEAST, _LEAST_RATE = 0.3, 1.5  # m, m/s
@@ -25,13 +27,13 @@ _LEAST, _LEAST_RATE = 0.3, 1.5  # m, m/s
 _SLOWEST = 0.3  # s: longest interval of fixes at which the vertical acceleration does not matter
 _PAUSE = 1.5  # s: longest interval of fixes in a difference
 _EVEN = 1.5  # largest ratio of two intervals in a second difference
-_LASTING = 3.0  # part of such noise that does not average out: one over this
+_LASTING = 3.0  # ratio of such noise to its part that does not average out
 
 # --- the state of a ``Scatter``: index of each quantity, with its size if that is not 1 ------------------------------
-_T, _PLACE = 0, 1  # s, (3) m: last fix; its East and North less the integral of the velocities, and its height
-_BEFORE, _LOW = 4, 5  # s, m: interval and height of the fix before it
+_T, _PLACE = 0, 1  # s, (3) m: last fix; its East and North minus the integral of the velocities, and its height
+_BEFORE, _HEIGHT_BEFORE = 4, 5  # s, m: interval and height of the fix before it
 _FIXES = 6  # fixes without a pause, at most two
-_STEPS, _BENDS = 7, 8  # numbers of differences so far
+_STEPS, _SECOND_DIFFERENCES = 7, 8  # numbers of differences so far
 _SIZE = 9
 
 
@@ -71,7 +73,7 @@ class StatedAccuracy:
 class Scatter:
     """Noise of positions from fix to fix that is not stated, as of reflections or a poor antenna.
 
-    The difference of two positions less that of the integrated velocities is free of motion, and its median is their
+    The difference of two positions minus that of the integrated velocities is free of motion, and its median is the
     drift. The lower quartile of what remains gives the deviation of the white noise: 0.4 m at most in sixteen recorded
     flights.
     ``sd`` (horizontal, vertical) [m]: deviations of the noise on each axis, zero unless established.
@@ -81,7 +83,10 @@ class Scatter:
         self._journal = journal
         self.sd = (0.0, 0.0)
         self._state = np.zeros(_SIZE)
-        self._steps, self._bends = np.empty((_COUNT, 2)), np.empty(_COUNT)  # m; the oldest ones are replaced
+        self._steps, self._second_differences = (
+            np.empty((_COUNT, 2)),
+            np.empty(_COUNT),
+        )  # m; the oldest ones are replaced
 
     @property
     def is_on(self) -> bool:
@@ -101,11 +106,13 @@ class Scatter:
     def fix(self, t: float, place: complex, height: float, stated: float, stamp_ns: int) -> None:
         """Add a fix valid at ``t`` [s].
 
-        ``place`` [m]: position less integrated velocity, East + i North; ``height`` [m], NaN without; ``stated`` [m]:
+        ``place`` [m]: position minus integrated velocity, East + i North; ``height`` [m], NaN without; ``stated`` [m]:
         horizontal deviation of a fix.
         """
         was_on = self.is_on
-        self.sd = _take(self._state, (self._steps, self._bends), t, (place.real, place.imag, height), stated, self.sd)
+        self.sd = _take(
+            self._state, (self._steps, self._second_differences), t, (place.real, place.imag, height), stated, self.sd
+        )
         if self.is_on and not was_on:
             text = f"{self.reason}; they are used with that noise"
             self._journal.say(stamp_ns, "gnss.scatters", Level.WARN, text, sd=self.sd[0])
@@ -117,9 +124,9 @@ class VelocityScatter:
     """Noise of velocities from one to the next that is not stated, as where a driver derives them from positions.
 
     The navigator's velocity minus the receiver's, before an update, differs from that after the update before it by
-    what the IMU has measured meanwhile less the change of the receiver's velocity: free of motion, but for a steady
-    part due to the attitude. The deviation is 0.05 to 1.0 m/s in thirteen recorded flights, at most 1.6 times the
-    stated one.
+    what the IMU has measured meanwhile minus the change of the receiver's velocity: free of motion, except for a
+    steady part due to the attitude error. The deviation is 0.05 to 1.0 m/s in thirteen recorded flights, at most 1.6
+    times the stated one.
     ``sd`` [m/s]: deviation of the noise on each horizontal axis, zero unless established.
     """
 
@@ -178,7 +185,7 @@ def _take(state, recent, t, place, stated, sd):
     if state[_FIXES] > 0.0:
         stated = max(stated, _LEAST, _LEAST_RATE * seconds)
         _add_differences(state, recent[0], recent[1], seconds, place)
-    state[_BEFORE], state[_LOW] = seconds, state[_PLACE + 2]
+    state[_BEFORE], state[_HEIGHT_BEFORE] = seconds, state[_PLACE + 2]
     state[_T], state[_FIXES] = t, min(state[_FIXES] + 1.0, 2.0)
     for axis in range(3):
         state[_PLACE + axis] = place[axis]
@@ -186,23 +193,23 @@ def _take(state, recent, t, place, stated, sd):
 
 
 @kernel
-def _add_differences(state, steps, bends, seconds, place):
+def _add_differences(state, steps, second_differences, seconds, place):
     """Add the step from the last fix and, of three fixes at equal intervals, the bend of their heights."""
     row = int(state[_STEPS]) % _COUNT
     steps[row, 0], steps[row, 1] = place[0] - state[_PLACE], place[1] - state[_PLACE + 1]
     state[_STEPS] += 1.0
     if state[_FIXES] < 2.0:
         return
-    before, bend = state[_BEFORE], abs(place[2] - 2.0 * state[_PLACE + 2] + state[_LOW])
-    if max(before, seconds) < min(_EVEN * min(before, seconds), _SLOWEST) and math.isfinite(bend):
-        bends[int(state[_BENDS]) % _COUNT] = bend
-        state[_BENDS] += 1.0
+    before, second_difference = state[_BEFORE], abs(place[2] - 2.0 * state[_PLACE + 2] + state[_HEIGHT_BEFORE])
+    if max(before, seconds) < min(_EVEN * min(before, seconds), _SLOWEST) and math.isfinite(second_difference):
+        second_differences[int(state[_SECOND_DIFFERENCES]) % _COUNT] = second_difference
+        state[_SECOND_DIFFERENCES] += 1.0
 
 
 @kernel
-def _weighed(state, steps, bends, stated, sd):
+def _weighed(state, steps, second_differences, stated, sd):
     """The new ``sd``, for a deviation ``stated`` [m]."""
-    count, bent = min(int(state[_STEPS]), _COUNT), min(int(state[_BENDS]), _COUNT)
+    count, second_count = min(int(state[_STEPS]), _COUNT), min(int(state[_SECOND_DIFFERENCES]), _COUNT)
     if count < _ENOUGH:
         return sd
     horizontal = scatter_sd(steps[:count])
@@ -210,11 +217,13 @@ def _weighed(state, steps, bends, stated, sd):
     limit = _OFF if sd[0] > 0.0 else _ON * math.sqrt(_COUNT / count)
     if horizontal < limit * stated:
         return 0.0, 0.0
-    return horizontal, (in_order(bends[:bent])[bent // 2] / _NORMAL if bent > 0 else horizontal)
+    return horizontal, (
+        in_order(second_differences[:second_count])[second_count // 2] / _NORMAL if second_count > 0 else horizontal
+    )
 
 
 @kernel
 def scatter_sd(steps):
     """Deviation of the noise on each axis of measurements that differ by ``steps`` (N, 2) and a steady drift."""
     _, _, apart = about_median(steps)
-    return apart[int(_QUIET * len(steps))] / _RAYLEIGH
+    return apart[int(_QUANTILE * len(steps))] / _RAYLEIGH

@@ -79,9 +79,9 @@ class GnssVelocitySensor(Sensor):
         return z[:rows], H[:rows], o.stated_R[:rows, :rows]
 
     def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
-        """Count it; a refusal is told once, for it has no place in ``refusal`` beside the positions."""
+        """Count it; only the first of consecutive rejections is an event. ``refusal`` is about positions."""
         self._compare(o, float(z[0]), float(z[1]))
-        self.record.add(nis, z, self.reception.fix_period, believed=status != 0)
+        self.record.add(nis, z, self.reception.fix_period, accepted=status != 0)
         self.doubt.velocity(o.t, _REFUSALS[status], nis / len(z), z.tolist())
         if status:
             if status == 2:
@@ -97,7 +97,7 @@ class GnssVelocitySensor(Sensor):
         self._remember(o, f)
 
     def agrees(self, o: Observation, nis: float, z: list[float], left: list[float], period: float) -> None:
-        """Same as ``note`` for an ``o`` that was used unchanged; ``left`` is the residual of its innovation ``z``."""
+        """Same as ``note`` for an ``o`` that was used unchanged; ``left``: its residual, ``z``: its innovation."""
         assert o.stated_R is not None
         rows = rows_of(o)
         self._compare(o, z[0], z[1])
@@ -114,9 +114,9 @@ class GnssVelocitySensor(Sensor):
         return last if last is not None and 0.0 <= t - last.t <= _SAME_MOTION else None
 
     def _compare(self, o: Observation, east: float, north: float) -> None:
-        """Compare the innovation with what the velocity before it has left."""
+        """Compare the innovation with the residual of the velocity before it."""
         last = self.misfit
-        if last is None or self.noise.learns:  # other noise models find such noise by themselves
+        if last is None or self.noise.learns:  # adaptive noise models estimate such noise themselves
             return
         assert o.stated_R is not None
         scatter = self.reception.velocity_scatter

@@ -37,12 +37,12 @@ class VelocityInput:
         """Number of exact repetitions of the last velocity, if it is not near zero."""
         self.is_zero = False
         """Whether the last velocity was exactly zero, as receivers send it that hold their position at rest."""
-        self._is_withheld = self._is_mended = False
+        self._is_withheld = self._is_corrected = False
         self.misled = False
-        """Whether the filter has just turned out to have used wrong velocities; to be cleared by the caller."""
+        """Whether wrong velocities that the filter has used were just found; to be cleared by the caller."""
         self.position_fault = ""
         """Established error of the positions, one clause for the user; empty without one."""
-        self.way = 0j
+        self.integral = 0j
         """Integral of the velocities, East + i North [m], from an arbitrary start."""
         self._before = (math.inf, 0j)
         self._place = (math.nan, math.nan)  # deg, of the last fix
@@ -80,7 +80,7 @@ class VelocityInput:
             self._check.climb.baro = height
 
     def is_fresh(self, t: float) -> bool:
-        """Whether ``way`` reaches to ``t`` [s], but for one interval."""
+        """Whether ``integral`` extends to ``t`` [s], up to one interval."""
         return abs(t - self._before[0]) < _LONGEST_STEP
 
     @property
@@ -88,16 +88,16 @@ class VelocityInput:
         """The last one [m], NaN without a barometer."""
         return self._check.climb.baro
 
-    def felt(self, felt: bool, as_received: float, stamp_ns: int) -> None:
-        """Take the evidence of the IMU: whether it confirms the velocities (``felt``).
+    def imu_evidence(self, agrees: bool, as_received: float, stamp_ns: int) -> None:
+        """Take the evidence of the IMU: whether it confirms the velocities (``agrees``).
 
         ``as_received``: reduction of the squared misfit by the velocities as received. If they fit better than after
         the correction, the positions are wrong and not the velocity.
         """
-        self._check.felt = felt
+        self._check.imu_agrees = agrees
         if not self._learns or self.position_fault or not self._check.fault:
             return
-        if felt if self._check.stands_still else self._is_mended and as_received > _AS_RECEIVED:
+        if agrees if self._check.stands_still else self._is_corrected and as_received > _AS_RECEIVED:
             self.position_fault = self._report.positions(self._check, self._place, stamp_ns)
 
     def fix(self, sample: GnssFix, t: float, sd: float, walk: float) -> None:
@@ -121,9 +121,9 @@ class VelocityInput:
             self._report.scale(check.scale, stamp_ns)
         new += [self._report.vertical(check, stamp_ns), self._report.lateness(check.late.delay, stamp_ns)]
         self._report.horizontal(check, stamp_ns)
-        self._is_mended = bool(check.fault) and check.certain
-        if self._is_mended:
-            new.append(self._report.mended(check, stamp_ns))
+        self._is_corrected = bool(check.fault) and check.certain
+        if self._is_corrected:
+            new.append(self._report.corrected(check, stamp_ns))
         self.misled = self.misled or any(new)
 
     def velocity(self, sample: GnssVelocity, t: float, fix_usable: bool) -> GnssVelocity | None:
@@ -140,19 +140,19 @@ class VelocityInput:
             return None
         if self._learns:
             self._check.velocity(t, east, north, up)
-        self._add_up(t, complex(east, north))
-        return self._believed(sample)
+        self._integrate(t, complex(east, north))
+        return self._usable_part(sample)
 
-    def _add_up(self, t: float, velocity: complex) -> None:
+    def _integrate(self, t: float, velocity: complex) -> None:
         (before, last), self._before = self._before, (t, velocity)
         if 0.0 < t - before < _LONGEST_STEP:
-            self.way += 0.5 * (t - before) * (last + velocity)
+            self.integral += 0.5 * (t - before) * (last + velocity)
 
-    def _believed(self, sample: GnssVelocity) -> GnssVelocity | None:
+    def _usable_part(self, sample: GnssVelocity) -> GnssVelocity | None:
         """The usable part of a velocity according to the present knowledge."""
         check = self._check
-        if self._is_mended:
-            return self._mended(sample)
+        if self._is_corrected:
+            return self._corrected(sample)
         if self.doubted:
             self._journal.count("gnss.rejected.velocity_axes")
             return None
@@ -165,10 +165,10 @@ class VelocityInput:
             return replace(sample, vel_enu=(*sample.vel_enu[:2], math.nan))
         return sample
 
-    def _mended(self, sample: GnssVelocity) -> GnssVelocity:
+    def _corrected(self, sample: GnssVelocity) -> GnssVelocity:
         """The velocity corrected for the established error."""
         check, (east, north, up) = self._check, sample.vel_enu
-        x, y = check.mended(1.0, 0.0), check.mended(0.0, 1.0)
+        x, y = check.corrected(1.0, 0.0), check.corrected(0.0, 1.0)
         vertical = x[0] if check.fault == UNIT else 1.0
         if check.fault == UNIT:
             up *= vertical
@@ -178,4 +178,4 @@ class VelocityInput:
             up = math.nan
         A = np.array([[x[0], y[0], 0.0], [x[1], y[1], 0.0], [0.0, 0.0, vertical]])
         cov = None if sample.cov_enu is None else A @ sample.cov_enu @ A.T
-        return replace(sample, vel_enu=(*check.mended(east, north), up), cov_enu=cov)
+        return replace(sample, vel_enu=(*check.corrected(east, north), up), cov_enu=cov)

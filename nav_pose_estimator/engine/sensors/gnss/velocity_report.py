@@ -51,16 +51,16 @@ class VelocityReport:
 
     def __init__(self, journal: Journal) -> None:
         self._journal = journal
-        self._said: tuple[str, str] = ("", "")
+        self._reported: tuple[str, str] = ("", "")
         self._vertical = self._height = ""
-        self._scale = self._mended = False
+        self._is_scale_reported = self._is_correction_reported = False
         self._delay = 0.0  # s
 
     def horizontal(self, check: VelocityCheck, stamp_ns: int) -> None:
         """Report errors of the horizontal velocity (axes, unit), and their end."""
-        if (check.fault, check.name) == self._said:
+        if (check.fault, check.name) == self._reported:
             return
-        self._said, self._mended = (check.fault, check.name), False
+        self._reported, self._is_correction_reported = (check.fault, check.name), False
         if check.fault:
             why = _FAULTS[check.fault].format(name=_in_words(check.name))
             text = f"GNSS velocity not used: {why} ({check.misfit:.1f} m/s apart)"
@@ -69,11 +69,11 @@ class VelocityReport:
             text = "GNSS velocity agrees with the motion between fixes again and is used"
             self._journal.say(stamp_ns, "gnss.velocity.axes.ended", Level.INFO, text)
 
-    def mended(self, check: VelocityCheck, stamp_ns: int) -> bool:
+    def corrected(self, check: VelocityCheck, stamp_ns: int) -> bool:
         """Report that an established error is corrected; returns whether that is new."""
-        if self._mended:
+        if self._is_correction_reported:
             return False
-        self._mended = True
+        self._is_correction_reported = True
         text = f"GNSS velocity is {_in_words(check.name)} beyond doubt: corrected and used"
         if check.fault == NED:
             text += "; set ros.input.velocity_frame to ned"
@@ -107,13 +107,13 @@ class VelocityReport:
 
     def scale(self, scale: float, stamp_ns: int) -> None:
         """Report a clock that is slow or fast."""
-        if scale == 1.0 or abs(scale - 1.0) > _NO_CLOCK or self._scale:
+        if scale == 1.0 or abs(scale - 1.0) > _NO_CLOCK or self._is_scale_reported:
             return
-        self._scale = True
-        amount, way = 100.0 * abs(scale - 1.0), "farther" if scale > 1.0 else "less far"
+        self._is_scale_reported = True
+        amount, degree = 100.0 * abs(scale - 1.0), "farther" if scale > 1.0 else "less far"
         clock = f"{100.0 * abs(1.0 - 1.0 / scale):.1f} % {'slow' if scale > 1.0 else 'fast'}"
         text = (
-            f"GNSS positions move {amount:.1f} % {way} than velocities and stamps imply: the clock of the stamps "
+            f"GNSS positions move {amount:.1f} % {degree} than velocities and stamps imply: the clock of the stamps "
             f"probably runs {clock}, else another unit"
         )
         self._journal.say(stamp_ns, "gnss.velocity.scale", Level.WARN, text, scale=scale)

@@ -101,7 +101,7 @@ class RoutinePosition:
             not (
                 sensor.noise.learns
                 or sensor.pull.is_on
-                or sensor.elsewhere.is_on
+                or sensor.monitors.is_on
                 or sensor.failure
                 or state.tracks
                 or state.loose
@@ -132,7 +132,7 @@ class RoutinePosition:
         sensor.velocity.doubt.agrees()
         sensor.heights.agrees(t, -z[2])
         sensor.slow_height.note(t, -z[2])
-        sensor.elsewhere.fix(z[0], z[1], o.stamp_ns)
+        sensor.monitors.fix(z[0], z[1], o.stamp_ns)
         place = local(o.measured, reference, math.nan, sensor.origin)
         east, north, up = map(math.sqrt, whole_variance(o.stated_R, sensor.reception.lasting).tolist())
         sd = max(east, north)
@@ -140,7 +140,7 @@ class RoutinePosition:
         sensor.gate_radius = sensor.guard.settings.sigmas * math.hypot(sd, own_sd)
         sensor.guard.expected(Fix(t, place, (east, north, up)), max(t - self._aiding.fix_used, 0.0))
         velocity = sensor.velocity.misfit_at(t)
-        sensor.elsewhere.used(o, place, None if velocity is None else velocity.velocity, CHANCE * sd)
+        sensor.monitors.used(o, place, None if velocity is None else velocity.velocity, CHANCE * sd)
         sensor.record.add(result[table.RESULT_NIS], z, period or sensor.reception.fix_period)
         sensor.reception.use(t, with_height=True)
         self._decision = o.decision = _gated(reference, result[table.RESULT_LEAST], self._decision)

@@ -68,7 +68,7 @@ class Routine:
         events = self._events([Coming(0, o) for o in observations], settings, t)
         results = np.empty((len(events), table.RESULT_COLUMNS))
         done = flight.act_now(vector, events, 0, len(events), 0, np.array(settings), results)
-        return self._told(observations, results[:done])
+        return self._report_all(observations, results[:done])
 
     def fly_again(
         self, vector: np.ndarray, rows: tuple[np.ndarray, int, int], observations: Sequence[Observation]
@@ -82,7 +82,7 @@ class Routine:
         results = np.empty((len(events), table.RESULT_COLUMNS))
         out = np.empty((rows[2] - rows[1], OUT_COLUMNS))
         done, acted, _ = flight.fly(vector, *rows, False, events, np.array(settings), out, results)
-        self._told(observations, results[:acted])
+        self._report_all(observations, results[:acted])
         return done, acted
 
     def fly(
@@ -104,17 +104,17 @@ class Routine:
         sums = np.empty((acted + 1, 4))
         sums[0, 1:] = shift
         count, first = flight.sum_corrections(events, results, acted, *rows[:2], where == flight.AT_TIME, sums)
-        told = results[:acted].tolist()
+        reported = results[:acted].tolist()
         moves = [(int(ahead), sums[k, 1:]) for k, ahead in enumerate(sums[:count, 0].tolist())]
-        unfinished = None if first < 0 else told[first]
-        return Leg(done, told, where == flight.AT_TIME, unfinished, moves, sums[count, 1:] if count else shift)
+        unfinished = None if first < 0 else reported[first]
+        return Leg(done, reported, where == flight.AT_TIME, unfinished, moves, sums[count, 1:] if count else shift)
 
     def is_calm(self, t: float) -> bool:
         """Whether all sensors leave their observations to the routine at ``t`` [s]."""
         settings = self._settings()
         return all(kind.prepare(settings, t) for kind in self._kinds.values())
 
-    def tell(self, observation: Observation, result: list[float], period: float | None = None) -> None:
+    def report(self, observation: Observation, result: list[float], period: float | None = None) -> None:
         """Hand the ``result`` of an ``observation`` that has acted to its sensor.
 
         ``period`` [s]: time between fixes when it acted; None: the present one.
@@ -122,11 +122,11 @@ class Routine:
         if observation.decision is None:
             self._kinds[observation.kind.name].done(observation, result, period)
 
-    def _told(self, observations: Sequence[Observation], results: np.ndarray) -> list[list[float]]:
-        told: list[list[float]] = results.tolist()
-        for observation, result in zip(observations, told, strict=False):
-            self.tell(observation, result)
-        return told
+    def _report_all(self, observations: Sequence[Observation], results: np.ndarray) -> list[list[float]]:
+        reported: list[list[float]] = results.tolist()
+        for observation, result in zip(observations, reported, strict=False):
+            self.report(observation, result)
+        return reported
 
     def _settings(self) -> list[float]:
         settings, aiding, gates = [0.0] * table.SETTINGS_SIZE, self._aiding, self._fusion.gates

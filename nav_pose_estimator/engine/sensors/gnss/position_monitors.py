@@ -15,11 +15,11 @@ from nav_pose_estimator.engine.sensors.gnss.rounding import Rounding
 from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import Scatter
 from nav_pose_estimator.engine.solutions import Level
 
-_RESTS = 0.3  # m/s: largest speed of a receiver at rest
+_REST_SPEED = 0.3  # m/s: largest speed of a receiver at rest
 _AGREES = 8.0  # s without a drifting fix after which a drift has ended
 
 
-class Elsewhere:
+class PositionMonitors:
     """Positions that drift from their velocities, are rounded, alternate between two places, or contradict the IMU."""
 
     def __init__(self, journal: Journal, rounding: Rounding, scatter: Scatter) -> None:
@@ -27,7 +27,7 @@ class Elsewhere:
         self.other_motion, self.latency = OtherMotion(journal), Latency(journal)
         self._walk_off, self._two_places, self._rest_drift = WalkOff(), TwoPlaces(), RestDrift()
         self._speed = math.inf  # m/s, of the receiver at the last used fix
-        self._drifted = math.nan  # s: when fixes last drifted away; NaN once that has ended
+        self._last_drift = math.nan  # s: when fixes last drifted away; NaN once that has ended
 
     @property
     def is_on(self) -> bool:
@@ -41,21 +41,21 @@ class Elsewhere:
 
         ``speed`` [m/s]: horizontal speed of the vehicle.
         """
-        far, fast = self.other_motion.least_sd()
-        late = self.latency.least_sd(speed)
-        wide, high = self._scatter.least_sd
-        known = (test.least_sd for test in (self._walk_off, self._two_places, self._rounding, self._rest_drift))
-        return max(far, late, wide, *known), max(far, high), fast
+        position, velocity_sd = self.other_motion.least_sd()
+        latency = self.latency.least_sd(speed)
+        horizontal, vertical = self._scatter.least_sd
+        others = (test.least_sd for test in (self._walk_off, self._two_places, self._rounding, self._rest_drift))
+        return max(position, latency, horizontal, *others), max(position, vertical), velocity_sd
 
     def reason(self) -> str:
         """Why the position is less certain than usual, one clause for the user; empty where it is not."""
-        told = self._two_places.reason or self._rounding.reason or self._scatter.reason
-        told = told or self.other_motion.reason() or self.latency.reason()
-        return told or self._walk_off.reason or self._rest_drift.reason
+        reason = self._two_places.reason or self._rounding.reason or self._scatter.reason
+        reason = reason or self.other_motion.reason() or self.latency.reason()
+        return reason or self._walk_off.reason or self._rest_drift.reason
 
     def second(self, t: float, is_still: bool) -> None:
         """Process a second up to ``t`` [s] in which the IMU shows rest, or not."""
-        self._rest_drift.second(t, is_still and self._speed < _RESTS)
+        self._rest_drift.second(t, is_still and self._speed < _REST_SPEED)
 
     def fix(self, east: float, north: float, stamp_ns: int) -> None:
         """Process a fix, used or not, that is this far [m] (East, North) from the navigator."""
@@ -74,11 +74,11 @@ class Elsewhere:
         speed = self._walk_off.update(o.t, fix, velocity, scatter)
         if speed > 0.0:
             self._journal.count("gnss.drift.fixes")
-            if math.isnan(self._drifted):
+            if math.isnan(self._last_drift):
                 text = f"GNSS positions drift by {speed:.1f} m/s against the receiver's own velocity: do not trust them"
                 self._journal.say(o.stamp_ns, "gnss.drift", Level.WARN, text, speed=speed)
-            self._drifted = o.t
-        elif o.t - self._drifted > _AGREES:
-            self._drifted = math.nan
+            self._last_drift = o.t
+        elif o.t - self._last_drift > _AGREES:
+            self._last_drift = math.nan
             text = "GNSS positions agree with the receiver's velocity again"
             self._journal.say(o.stamp_ns, "gnss.drift.ended", Level.INFO, text)
