@@ -101,3 +101,22 @@ def test_a_sum_over_sparse_velocities_says_nothing_of_clocks(period: float, dens
             steps.append(maker.end(t, 0.8, east))
     assert steps
     assert all(step.dense is dense for step in steps)
+
+
+@pytest.mark.parametrize("is_noise", [True, False])
+def test_what_looked_late_before_noise_was_known_is_no_lateness(is_noise: bool) -> None:
+    """GIVEN velocities that will be proved late in a moment WHEN it turns out that they scatter THEN that evidence is
+    dropped."""
+    t = np.arange(0.0, 20.0, PERIOD)
+    ways = np.column_stack([np.zeros(len(t)), 80.0 * (1.0 - np.cos(0.25 * t))])
+    said = np.column_stack([np.zeros(len(t)), 20.0 * np.sin(0.25 * (t - 1.0))])
+    proof, check = VelocityCheck(), VelocityCheck()
+    ends = (
+        k for k in range(len(t)) if follow(proof, ways[k : k + 1], said[k : k + 1], float(t[k])) and proof.late.delay
+    )
+    end = next(ends)
+    follow(check, ways[:end], said[:end])
+    if is_noise:
+        check.expect_walk(0.5)
+    follow(check, ways[end : end + 5], said[end : end + 5], float(t[end]))
+    assert bool(check.late.delay) is not is_noise

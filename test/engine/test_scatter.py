@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla
+from nav_pose_estimator.core.filter.layout import DVEL
 from nav_pose_estimator.engine.journal import Journal
+from nav_pose_estimator.engine.navigator.go_back import go_back
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.samples import GnssVelocity
 from nav_pose_estimator.engine.sensors.gnss.reception import FixTrack
 from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import Scatter, VelocityScatter
+from nav_pose_estimator.offline.benchmarks.speed.plain_flight import full_set
 
 STATED = 1.5  # m
 
@@ -143,3 +146,18 @@ def test_scatter_of_velocities_is_known_after_a_restart() -> None:
     noise = engine.run.gnss.reception.velocity_noise(GnssVelocity(2, (0.0, 0.0, 0.0)))
     assert (np.diag(noise) > 3.0**2).all()
     assert engine.status().doubt == "GNSS velocities scatter by 3.0 m/s, more than stated"
+
+
+@pytest.mark.compiled
+def test_scatter_of_velocities_is_known_where_the_past_is_computed_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """GIVEN velocities that scatter WHEN the last seconds are computed again THEN it is with that noise, which stays
+    known."""
+    monkeypatch.setattr(VelocityScatter, "second", lambda *_: None)  # these would be found to be quiet
+    engine = SinsEngine()
+    engine.feed_all(full_set(30.0, 100.0))
+    run, scatter = engine.run, engine.run.gnss.reception.velocity_scatter
+    scatter.sd = 3.0
+    again = go_back(run, 1)
+    assert again is not run
+    assert again.gnss.reception.velocity_scatter is scatter
+    assert again.settled.P[DVEL, DVEL] > 2.0 * run.settled.P[DVEL, DVEL]

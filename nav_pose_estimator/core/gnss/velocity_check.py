@@ -127,6 +127,8 @@ class VelocityCheck:
 
     def expect_walk(self, walk: float) -> None:
         """Take the random walk of the integrated velocities that is not stated [m/sqrt(s)]."""
+        if walk > 0.0 and self._steps.state[WALK] == 0.0:
+            self.late.interrupt()  # what looked late may have been noise
         self._steps.state[WALK] = walk
 
     def fix(self, t: float, lat: float, lon: float, alt: float, sd: float = 0.0) -> None:

@@ -30,9 +30,10 @@ def go_back(run: FilterRun, stamp_ns: int) -> FilterRun:
     twin = _again(run)
     if twin is None:
         return run
-    velocities, was_running = run.gnss.reception.velocities, run.timeline.running
+    was_running = run.timeline.running
     twin = twin.copy(run.journal)
-    twin.gnss.reception.velocities, twin.past = velocities, run.past
+    twin.gnss.reception.velocities, twin.past = run.gnss.reception.velocities, run.past
+    twin.gnss.reception.velocity_scatter = run.gnss.reception.velocity_scatter
     if was_running:
         run.timeline.settle()
         twin.timeline.settle()
@@ -57,7 +58,9 @@ def _again(run: FilterRun) -> FilterRun | None:
         return None
     twin = start.copy(journal)
     twin.origin, twin.origin_is_fixed = run.origin, run.origin_is_fixed
-    twin.gnss.reception.velocities = run.gnss.reception.velocities.in_hindsight(journal)
+    now_known = run.gnss.reception
+    twin.gnss.reception.velocities = now_known.velocities.in_hindsight(journal)
+    twin.gnss.reception.velocity_scatter = deep_copy(now_known.velocity_scatter, {id(run.journal): journal})
     twin.imu_physics.motion.body = deep_copy(run.imu_physics.motion.body, {})
     for now, sample in heard:
         rows = _carry(twin, rows, now)
