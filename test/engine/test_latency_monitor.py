@@ -9,7 +9,7 @@ def windows(monitor: LatencyMonitor, right: int, count: int, seed: int) -> None:
     """Windows of motion in which the velocities fit the IMU at the shift with index ``right``."""
     rng = np.random.default_rng(seed)
     for _ in range(count):
-        impulses = rng.normal(size=(6, 3)) + [0.0, 0.0, 9.8]
+        impulses = rng.normal(size=(6, 3)) + np.array([0.0, 0.0, 9.8])
         away = np.abs(np.arange(len(SHIFTS)) - right)[:, None, None]
         monitor.compare(impulses, impulses + 0.5 * away * rng.normal(size=(len(SHIFTS), 6, 3)))
 
