@@ -14,8 +14,8 @@ B has one column for a scale common to all axes, or three for each axis. The sca
 calibration are wrong by some per cent, more than the filter's prior says. So a small w is an explanation by a right
 gyroscope, and the evidence is against the better one of this and of w = 0.
 
-What a second adds to J and h is divided by its variance of unit weight where that exceeds one, as noise of that variance
-would do. A shock, a tumble or a late velocity gives large innovations for a moment, and little evidence.
+What a second adds to J and h is divided by its variance of unit weight where that exceeds one, as noise of that
+variance would do. A shock, a tumble or a late velocity gives large innovations for a moment, and little evidence.
 
 Source of the test: R. Kass and A. Raftery, "Bayes factors", J. Am. Stat. Assoc. 90(430), 1995; the formulas follow by
 completing the square.
