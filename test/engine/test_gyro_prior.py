@@ -72,9 +72,11 @@ def test_a_prior_that_is_wide_already_is_left_alone() -> None:
 
 
 def test_a_doubt_outlives_a_reset() -> None:
-    """GIVEN a gyroscope in doubt WHEN the navigator starts again THEN it stays in doubt, and the new prior is released."""
+    """GIVEN a gyroscope in doubt WHEN the navigator starts again THEN the doubt stays, and the prior is released."""
     sins = PoseEstimator(Parameters(), attitude=False).sins
-    seconds = [(np.full(SIZE, mean), NARROW**2 * share * np.eye(SIZE), 1.0) for mean, share in ((0.0, 1.0), (0.05, 0.5))]
+    seconds = [
+        (np.full(SIZE, mean), NARROW**2 * share * np.eye(SIZE), 1.0) for mean, share in ((0.0, 1.0), (0.05, 0.5))
+    ]
     released = [sins.run.gyro_watch.second(*second, sins.journal, 0) for second in seconds]
     assert released == [False, True]
     sins.reset(0, "test")

@@ -12,9 +12,10 @@ two priors is the evidence for a gyroscope of another range, sign or axis. It ne
 
 B has one column for a scale common to all axes, or three for each axis. The scale factors of a sound gyroscope without
 calibration are wrong by some per cent, more than the filter's prior says. So a small w is an explanation by a right
-gyroscope, and the evidence is against the better one of this and of w = 0. What a second adds to J and h is divided by its
-variance of unit weight where that exceeds one, as noise of that variance would do. A shock, a tumble or a late velocity
-gives large innovations for a moment, and little evidence.
+gyroscope, and the evidence is against the better one of this and of w = 0.
+
+What a second adds to J and h is divided by its variance of unit weight where that exceeds one, as noise of that
+variance would do. A shock, a tumble or a late velocity gives large innovations for a moment, and little evidence.
 
 Source of the test: R. Kass and A. Raftery, "Bayes factors", J. Am. Stat. Assoc. 90(430), 1995; the formulas follow by
 completing the square.
@@ -96,7 +97,7 @@ def _add_information(P, away, weight, before, total):
 
 @kernel
 def _log_bayes_factor(total, variance):
-    """Log Bayes factor of the best wide prior against the best one of a right gyroscope; minus infinity where invalid."""
+    """Log Bayes factor of the best wide prior against the best right one; minus infinity where invalid."""
     size = total.shape[1]
     precision, C = np.empty((size, size)), np.zeros((size, size))
     for i in range(size):

@@ -27,6 +27,7 @@ _LEAST = 0.15  # s: a smaller latency is not reported
 _BETTER, _ENOUGH = 0.5, 0.8
 """A latency must reduce the sum without shift to less than this fraction, and by at least this amount [(m/s)^2]."""
 _PROOF = 2  # consecutive windows that establish a latency
+_LATELY = 10  # windows for which a latency that is no longer established remains probable
 
 
 @dataclass(eq=False)
@@ -36,6 +37,12 @@ class LatencyMonitor:
     delay: float = field(default=0.0, init=False)
     _sums: np.ndarray = field(default_factory=lambda: np.zeros(len(SHIFTS)), init=False)
     _found: int = field(default=0, init=False)
+    _remains: int = field(default=0, init=False)
+
+    @property
+    def is_probable(self) -> bool:
+        """Whether a latency is established or was lately; noise can hide it for some windows."""
+        return self._remains > 0
 
     def compare(self, impulses: np.ndarray, forces: np.ndarray | None) -> None:
         """Evaluate a window with motion: ``impulses`` (S, 3) [m/s] of the IMU.
@@ -57,6 +64,7 @@ class LatencyMonitor:
         is_late = least < _BETTER * sums[_NONE] and sums[_NONE] - least > _ENOUGH
         self._found = self._found + 1 if is_late else 0
         self.delay = delay if self._found >= _PROOF and abs(delay) > _LEAST else 0.0
+        self._remains = _LATELY if self.delay else max(self._remains - 1, 0)
 
 
 @kernel

@@ -66,7 +66,8 @@ def _watch_the_gyroscope(run: FilterRun, t: float, is_aided: bool) -> None:
         return
     motion, reception = run.imu_physics.motion, run.gnss.reception
     # velocities that are late, noisy or in wrong axes, and heavy vibration, are no evidence against the gyroscope
-    misled = motion.latency.delay or motion.shakes or reception.velocity_scatter.is_on or reception.velocities.doubted
+    is_late, is_noisy = motion.latency.is_probable, reception.velocity_scatter.is_on
+    misled = is_late or is_noisy or motion.shakes or reception.velocities.doubted
     if misled or not is_aided or whole.branches is not None:
         watch.evidence.skip()
         return

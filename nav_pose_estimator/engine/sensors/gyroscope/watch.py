@@ -15,7 +15,7 @@ from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.solutions import Level
 
 _CERTAIN = 8.0
-"""Log Bayes factor from which the scale is wrong. Thirteen recorded flights: 5.8 at most, 6.7 without GNSS velocity."""
+"""Log Bayes factor from which the scale is wrong; see docs/plausibility.md for that of recorded flights."""
 _CALM, _CALM_FOR = 1.0, 20  # NIS per row of GNSS velocity, and s below it, that end a doubt
 _LARGEST = 0.7  # largest scale error that the linear error model can follow
 _RIGHT, _KNOWN = 0.05, 0.1  # scale error that counts as none; deviation from which a scale is known
