@@ -46,7 +46,7 @@ class GyroWatch:
         if self._is_wide:
             self._settle(m, P, nis, journal, stamp_ns)
             return False
-        if self.evidence.odds < _CERTAIN and not self._was_wide:
+        if not (self.evidence.odds >= _CERTAIN or self._was_wide):  # nor if the odds are NaN
             return False
         self._is_wide, self._was_wide = True, False
         self.evidence.skip()
