@@ -113,7 +113,7 @@ def test_the_attitude_node_takes_the_declination_at_the_origin_of_the_navigator(
     message = NavSatFix()
     fill_origin(message, 1_700_000_000_000_000_000, (math.radians(47.6205), math.radians(-122.3493), 60.0))
     node.callbacks["/sins_node/origin"](message)
-    assert math.degrees(node.node.engine._memory.state[attitude_layout.DECLINATION]) == pytest.approx(15.2, abs=0.1)
+    assert math.degrees(node.node.engine.memory.state[attitude_layout.DECLINATION]) == pytest.approx(15.2, abs=0.1)
     assert node.count("mag.declination.model") == 1
 
 
