@@ -1,0 +1,63 @@
+"""A troubled flight fed at once and sample by sample: the same solutions, events, counters and figures, bit for bit."""
+
+from dataclasses import replace
+
+from nav_pose_estimator.core.filter.layout import OUT_COLUMNS
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.navigator.go_back import UNDONE
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.schema import update
+from nav_pose_estimator.engine.samples import GnssVelocity, ImuBlock, Sample
+from nav_pose_estimator.engine.solutions import Event, NavBlock, NavSolution, Output
+from nav_pose_estimator.offline.benchmarks.speed.plain_flight import samples
+from pieces import one_by_one
+
+START = 10**18
+
+
+def seconds(sample: Sample) -> float:
+    """Time [s] of a sample, or of the first one of a block."""
+    stamp_ns = int(sample.stamps_ns[0]) if isinstance(sample, ImuBlock) else sample.stamp_ns
+    return 1e-9 * (stamp_ns - START)
+
+
+def told(engine: PoseEstimator, outputs: list[Output]) -> dict[str, list]:
+    """Solutions by row, events, counters of both filters, and the figures of the status."""
+    said: dict[str, list] = {"rows": [], "modes": [], "events": []}
+    for output in outputs:
+        if isinstance(output, NavBlock):
+            said["rows"] += [[*row, *output.correction_enu.tolist()] for row in output.rows.tolist()]
+            said["modes"] += [(output.mode, output.reset_count)] * len(output.rows)
+        elif isinstance(output, NavSolution):
+            said["rows"].append([*output.values[:OUT_COLUMNS].tolist(), *output.correction_enu.tolist()])
+            said["modes"].append((output.mode, output.reset_count))
+        elif isinstance(output, Event):
+            said["events"].append((output.stamp_ns, output.name, output.text))
+    status, attitude = engine.status(), engine.attitude
+    assert attitude is not None
+    said["counters"] = [sorted(status.counters.items()), sorted(attitude.status().counters.items())]
+    said["figures"] = sorted((name, repr(value)) for name, value in status.values.items())
+    return said
+
+
+def assert_same(flight: list[Sample], **parameters: object) -> dict[str, list]:
+    """Feed the ``flight`` at once and sample by sample; returns what is told."""
+    given = update(Parameters(), {"learner.enabled": False, **parameters})
+    whole, single = PoseEstimator(given), PoseEstimator(given)
+    at_once = told(whole, whole.feed_all(flight))
+    expected = told(single, [output for sample in one_by_one(flight) for output in single.feed(sample)])
+    for name, values in expected.items():
+        assert at_once[name] == values, name
+    return at_once
+
+
+def test_the_past_is_computed_again_in_order_of_arrival() -> None:
+    """GIVEN samples of a magnetometer that the navigator got ahead of long blocks WHEN velocities turn out to be NED,
+    and the last seconds are computed again THEN these samples count at the time of their arrival."""
+    flight: list[Sample] = []
+    for sample in samples(17.0, 100.0):
+        if isinstance(sample, GnssVelocity) and seconds(sample) > 12.0:
+            east, north, up = sample.vel_enu
+            sample = replace(sample, vel_enu=(north, east, -up))
+        flight.append(sample)
+    assert UNDONE in {name for _, name, _ in assert_same(flight)["events"]}
