@@ -7,7 +7,7 @@ from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.navigator.go_back import UNDONE
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
-from nav_pose_estimator.engine.samples import GnssVelocity, ImuBlock, Sample
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample
 from nav_pose_estimator.engine.solutions import Event, NavBlock, NavSolution, Output
 from nav_pose_estimator.offline.benchmarks.speed.plain_flight import samples
 from pieces import one_by_one
@@ -61,3 +61,19 @@ def test_the_past_is_computed_again_in_order_of_arrival() -> None:
             sample = replace(sample, vel_enu=(north, east, -up))
         flight.append(sample)
     assert UNDONE in {name for _, name, _ in assert_same(flight)["events"]}
+
+
+def test_a_gap_without_gnss() -> None:
+    """GIVEN an outage with a gap in the IMU data WHEN the navigator aligns again within a long block
+    THEN it has the attitude of each sample."""
+    flight: list[Sample] = []
+    for sample in samples(30.0, 100.0):
+        if isinstance(sample, (GnssFix, GnssVelocity)) and seconds(sample) > 22.5:
+            continue
+        if isinstance(sample, ImuBlock):
+            kept = (sample.stamps_ns <= START + 26_010_000_000) | (sample.stamps_ns > START + 27_210_000_000)
+            if not kept.any():
+                continue
+            sample = ImuBlock(sample.stamps_ns[kept], sample.gyro[kept], sample.accel[kept])
+        flight.append(sample)
+    assert "imu.gap" in {name for _, name, _ in assert_same(flight)["events"]}

@@ -157,10 +157,15 @@ class PoseEstimator:
         return done - first
 
     def _pieces(self, block: ImuBlock) -> Iterator[tuple[int, int]]:
-        """Cuts a block for processing; a navigator that is levelling needs the attitude of each sample."""
-        if self.attitude is not None and self.sins.mode in LEVELLING:
-            return itertools.pairwise(range(len(block) + 1))
-        return self._clock.pieces(block, _EPOCH)
+        """Cuts a block for processing; a navigator that is levelling needs the attitude of each sample.
+
+        It may begin to level within the block, at the first sample after a gap.
+        """
+        for a, b in self._clock.pieces(block, _EPOCH):
+            if self.attitude is not None and self.sins.mode in LEVELLING:
+                yield from itertools.pairwise(range(a, len(block) + 1))
+                return
+            yield a, b
 
     def _feed(self, samples: Sequence[Sample], early: Early = ()) -> list[Output]:
         """Take samples that the navigator may process before the attitude filter, or one block with ``early`` ones."""
