@@ -9,7 +9,7 @@ from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample
 from nav_pose_estimator.engine.solutions import Event, NavBlock, NavSolution, Output
-from nav_pose_estimator.offline.benchmarks.speed.plain_flight import samples
+from nav_pose_estimator.offline.benchmarks.speed.plain_flight import full_set, samples
 from pieces import one_by_one
 
 START = 10**18
@@ -77,3 +77,15 @@ def test_a_gap_without_gnss() -> None:
             sample = ImuBlock(sample.stamps_ns[kept], sample.gyro[kept], sample.accel[kept])
         flight.append(sample)
     assert "imu.gap" in {name for _, name, _ in assert_same(flight)["events"]}
+
+
+def test_an_exchange_at_a_refused_sample() -> None:
+    """GIVEN a clock of the IMU that is set back by 0.3 s WHEN data are due at a sample that the navigator refuses
+    THEN the attitude filter gets no velocity, also where the same time has come before."""
+    flight: list[Sample] = []
+    for sample in full_set(15.0, 100.0):
+        if isinstance(sample, ImuBlock) and seconds(sample) > 13.3:
+            sample = replace(sample, stamps_ns=sample.stamps_ns - 300_000_000)
+        flight.append(sample)
+    counters = dict(assert_same(flight)["counters"][0])
+    assert counters["imu.rejected.backward"] > 10

@@ -260,7 +260,7 @@ def _attitudes(
     if together is not None:
         return together
     outputs: list[Output] = []
-    exchanged_ns = done = 0
+    since_ns = exchanged_ns = done = 0
     for part in _cut(samples, clock):
         if attitude is not None and isinstance(part, (ImuBlock, ImuSample, MagSample)):
             parts: Iterable[Sample] = [part]
@@ -271,7 +271,7 @@ def _attitudes(
             # IMU events are omitted, as the navigator reports them, too
             outputs += [one for each in parts for one in attitude.feed(each) if not _is_imu_event(one)]
         if isinstance(part, (ImuBlock, ImuSample)) and clock.is_due(part) and attitude is not None:
-            since_ns, exchanged_ns = exchanged_ns, newest_stamp(part)
+            since_ns, exchanged_ns = max(since_ns, exchanged_ns), newest_stamp(part)
             velocity = navigator_velocity(solutions, since_ns, exchanged_ns)
             if velocity is not None:
                 attitude.feed(velocity)
