@@ -2,6 +2,9 @@
 
 from dataclasses import replace
 
+import numpy as np
+import pytest
+
 from nav_pose_estimator.core.filter.layout import OUT_COLUMNS
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.navigator.go_back import UNDONE
@@ -89,3 +92,15 @@ def test_an_exchange_at_a_refused_sample() -> None:
         flight.append(sample)
     counters = dict(assert_same(flight)["counters"][0])
     assert counters["imu.rejected.backward"] > 10
+
+
+@pytest.mark.compiled
+def test_fixes_that_come_twice() -> None:
+    """GIVEN fixes some of which come twice, so that the time between fixes varies
+    THEN all innovations are averaged with the same time between fixes."""
+    rng = np.random.default_rng(1)
+    flight: list[Sample] = []
+    for sample in full_set(20.0, 100.0):
+        is_twice = isinstance(sample, GnssFix) and seconds(sample) > 15.0 and rng.random() < 0.3
+        flight += [sample] * (1 + is_twice)
+    assert_same(flight, **{"gnss.error_states": True})
