@@ -8,10 +8,13 @@ import pytest
 from nav_pose_estimator.core.filter.layout import OUT_COLUMNS
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.navigator.go_back import UNDONE
+from nav_pose_estimator.engine.navigator.modes import ModeKeeper
 from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.navigator import NavigatorParameters
 from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample
-from nav_pose_estimator.engine.solutions import Event, NavBlock, NavSolution, Output
+from nav_pose_estimator.engine.sensors.aiding import Aiding
+from nav_pose_estimator.engine.solutions import Event, Mode, NavBlock, NavSolution, Output
 from nav_pose_estimator.offline.benchmarks.speed.plain_flight import full_set, samples
 from pieces import one_by_one
 
@@ -104,3 +107,14 @@ def test_fixes_that_come_twice() -> None:
         is_twice = isinstance(sample, GnssFix) and seconds(sample) > 15.0 and rng.random() < 0.3
         flight += [sample] * (1 + is_twice)
     assert_same(flight, **{"gnss.error_states": True})
+
+
+def test_the_mode_changes_at_the_row_of_its_deadline() -> None:
+    """GIVEN IMU rows every 10 ms, and fixes once a second at their times THEN GNSS counts as lost from the first row on
+    that is not before the deadline, however the sum and the difference of the times are rounded."""
+    keeper = ModeKeeper(NavigatorParameters())
+    for k in range(1000):
+        aiding = Aiding(patience=1.5, fix_period=1.0, fix_used=0.01 * k)
+        deadline = keeper.deadline(aiding.fix_used, aiding)
+        for t in (0.01 * (k + 219), 0.01 * (k + 220), 0.01 * (k + 221)):
+            assert (keeper.at(t, aiding) is Mode.AIDED) == (t < deadline)

@@ -97,7 +97,7 @@ def _in_one_mode(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> lis
 
 def _is_lost(run: FilterRun, t: float) -> bool:
     """Whether the mode is AIDED and GNSS counts as lost at ``t`` [s]."""
-    return run.modes.mode is Mode.AIDED and not t - run.aiding.fix_used < run.aiding.lost_after
+    return run.modes.mode is Mode.AIDED and t >= run.aiding.fix_used + run.aiding.lost_after
 
 
 def _blocks(run: FilterRun, stamps_ns: np.ndarray, out: np.ndarray) -> list[NavBlock]:
