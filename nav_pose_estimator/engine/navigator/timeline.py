@@ -219,6 +219,7 @@ class Timeline:
         if restructured:
             # no replay can begin before a split or a union: the checkpoint here includes all that acted at its time
             self.filter.renew_checkpoints()
+            self._tidy_at = -math.inf  # ``rows_since`` reaches back to here, whatever the division into blocks
 
     def tidy(self) -> None:
         """Drop old data if it is time to."""
