@@ -283,6 +283,22 @@ def test_blocks_and_single_rows_are_equal_on_branches(block: int) -> None:
     assert_equal(told_late([0.0] * 3, aids, block), told_late([0.0] * 3, aids, 5))
 
 
+def test_the_past_reaches_back_to_the_split_for_blocks_and_single_rows() -> None:
+    """GIVEN a split WHEN rows come one by one or in long blocks THEN the same rows of the past are known."""
+
+    def past(block: int) -> np.ndarray:
+        timeline, parts = started(speed=2.0), np.split(imu_rows(0.66), [RATE // 2])
+        for rows in parts:
+            for chunk in np.split(rows, range(block, len(rows), block)):
+                timeline.advance(chunk)
+            if rows is parts[0]:
+                timeline.observe(observation(timeline.filter.time, MOTION, evidence(timeline, air=2.0)))
+        assert timeline.filter.branches is not None
+        return timeline.rows_since(0.0)
+
+    np.testing.assert_array_equal(past(1), past(RATE))
+
+
 def test_a_refused_position_keeps_the_branches() -> None:
     """GIVEN branches WHEN a position acts that the filter does not take THEN the hypotheses go on."""
     timeline = started(speed=2.0)

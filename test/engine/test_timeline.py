@@ -164,3 +164,18 @@ def test_an_observation_of_the_present_acts_as_if_it_had_been_known(sampling: st
     told.settle()
     np.testing.assert_array_equal(told.filter.nav, known.filter.nav)
     np.testing.assert_array_equal(told.filter.P, known.filter.P)
+
+
+def test_what_acts_behind_a_row_does_not_act_ahead_of_it() -> None:
+    """GIVEN two observations of the time of a row, of which one acts ahead of the row and one behind it
+    WHEN both are known before it THEN the row is the same as if the second one came after it."""
+    rows = imu_rows(1.0)
+    now = float(rows[80, 0])
+    known, told = started(), started()
+    for timeline in (known, told):
+        timeline.observe(observation(now, POSITION, (LAT + 1e-7, LON, ALT)))
+    second = observation(now, VELOCITY, (0.1, 0.2, 0.0))
+    known.observe(dataclasses.replace(second, behind=True))
+    before = told.advance(rows[:81])
+    told.observe(second)
+    np.testing.assert_array_equal(known.advance(rows), np.concatenate([before, told.advance(rows[81:])]))

@@ -46,20 +46,21 @@ def newest_stamp(sample: ImuSample | ImuBlock) -> int:
     return sample.stamp_ns if isinstance(sample, ImuSample) else int(sample.stamps_ns[-1])
 
 
-def navigator_velocity(outputs: Iterable[Output], after_ns: int, until_ns: int) -> NavigatorVelocity | None:
-    """The navigator's velocity and attitude at ``until_ns``, for the attitude filter.
+def navigator_velocity(outputs: Iterable[Output], after_ns: int, at_ns: int) -> NavigatorVelocity | None:
+    """The navigator's velocity and attitude at the IMU sample of ``at_ns``, for the attitude filter.
 
-    None where ``outputs`` have none that is later than ``after_ns``.
+    None where ``outputs`` have none, as where the navigator has refused that sample, or where ``at_ns`` is not later
+    than ``after_ns``, the last exchange.
     """
-    newest: tuple[NavBlock | NavSolution, int] | None = None
-    for output in outputs:
-        if isinstance(output, NavSolution) and after_ns < output.stamp_ns <= until_ns:
-            newest = output, 0
+    found: tuple[NavBlock | NavSolution, int] | None = None
+    for output in outputs if at_ns > after_ns else ():
+        if isinstance(output, NavSolution) and output.stamp_ns == at_ns:
+            found = output, 0
         elif isinstance(output, NavBlock):
-            row = int(output.stamps_ns.searchsorted(until_ns, side="right")) - 1
-            if row >= 0 and output.stamps_ns[row] > after_ns:
-                newest = output, row
-    return None if newest is None else _velocity(*newest)
+            row = int(output.stamps_ns.searchsorted(at_ns))
+            if row < len(output.stamps_ns) and output.stamps_ns[row] == at_ns:
+                found = output, row
+    return None if found is None else _velocity(*found)
 
 
 def _velocity(output: NavBlock | NavSolution, row: int) -> NavigatorVelocity:

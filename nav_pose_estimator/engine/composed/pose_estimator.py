@@ -157,10 +157,15 @@ class PoseEstimator:
         return done - first
 
     def _pieces(self, block: ImuBlock) -> Iterator[tuple[int, int]]:
-        """Cuts a block for processing; a navigator that is levelling needs the attitude of each sample."""
-        if self.attitude is not None and self.sins.mode in LEVELLING:
-            return itertools.pairwise(range(len(block) + 1))
-        return self._clock.pieces(block, _EPOCH)
+        """Cuts a block for processing; a navigator that is levelling needs the attitude of each sample.
+
+        It may begin to level within the block, at the first sample after a gap.
+        """
+        for a, b in self._clock.pieces(block, _EPOCH):
+            if self.attitude is not None and self.sins.mode in LEVELLING:
+                yield from itertools.pairwise(range(a, len(block) + 1))
+                return
+            yield a, b
 
     def _feed(self, samples: Sequence[Sample], early: Early = ()) -> list[Output]:
         """Take samples that the navigator may process before the attitude filter, or one block with ``early`` ones."""
@@ -255,7 +260,7 @@ def _attitudes(
     if together is not None:
         return together
     outputs: list[Output] = []
-    exchanged_ns = done = 0
+    since_ns = exchanged_ns = done = 0
     for part in _cut(samples, clock):
         if attitude is not None and isinstance(part, (ImuBlock, ImuSample, MagSample)):
             parts: Iterable[Sample] = [part]
@@ -266,7 +271,7 @@ def _attitudes(
             # IMU events are omitted, as the navigator reports them, too
             outputs += [one for each in parts for one in attitude.feed(each) if not _is_imu_event(one)]
         if isinstance(part, (ImuBlock, ImuSample)) and clock.is_due(part) and attitude is not None:
-            since_ns, exchanged_ns = exchanged_ns, newest_stamp(part)
+            since_ns, exchanged_ns = max(since_ns, exchanged_ns), newest_stamp(part)
             velocity = navigator_velocity(solutions, since_ns, exchanged_ns)
             if velocity is not None:
                 attitude.feed(velocity)

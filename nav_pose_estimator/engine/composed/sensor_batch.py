@@ -94,10 +94,12 @@ def feed_ahead(sins: SinsEngine, block: Sample, early: Early) -> list[Output]:
             return False
 
         run.take_observation = mark
+        if place:  # the past is computed again in order of arrival
+            run.waiting_until = run.clock.seconds(behind_ns)
         try:
             outputs += sins.feed(sample)
         finally:
-            run.take_observation = None
+            run.take_observation = run.waiting_until = None
     return outputs
 
 

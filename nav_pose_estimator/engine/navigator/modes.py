@@ -79,12 +79,12 @@ class ModeKeeper:
 
     def at(self, t: float, aiding: Aiding) -> Mode:
         """The mode of a running filter at ``t`` [s]."""
-        gap, lost_after = t - aiding.fix_used, aiding.lost_after
-        if gap < lost_after:
+        # sums as in ``deadline``: a difference may be rounded to the other side
+        lost_at, offer_holds = aiding.fix_used + aiding.lost_after, max(_OFFER_HOLDS, aiding.lost_after)
+        if t < lost_at:
             return Mode.AIDED
-        offer_holds = max(_OFFER_HOLDS, lost_after)
-        if t - aiding.fix_offered < offer_holds and aiding.fix_offered > aiding.fix_used + lost_after:
+        if t < aiding.fix_offered + offer_holds and aiding.fix_offered > lost_at:
             return Mode.REACQUIRING
-        if gap >= self._parameters.expire_after or self.distrust_reason:
+        if t >= aiding.fix_used + self._parameters.expire_after or self.distrust_reason:
             return Mode.EXPIRED
-        return Mode.COASTING if t - aiding.drift_bounded < AID_HOLDS else Mode.DEAD_RECKONING
+        return Mode.COASTING if t < aiding.drift_bounded + AID_HOLDS else Mode.DEAD_RECKONING

@@ -23,7 +23,6 @@ from nav_pose_estimator.engine.engine_clock import NS
 from nav_pose_estimator.engine.navigator import heading_trial
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.look_back import look_back
-from nav_pose_estimator.engine.navigator.timeline import Timeline
 from nav_pose_estimator.engine.observation import Observation
 from nav_pose_estimator.engine.samples import (
     BeamVelocitySample,
@@ -98,7 +97,7 @@ def _in_one_mode(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> lis
 
 def _is_lost(run: FilterRun, t: float) -> bool:
     """Whether the mode is AIDED and GNSS counts as lost at ``t`` [s]."""
-    return run.modes.mode is Mode.AIDED and not t - run.aiding.fix_used < run.aiding.lost_after
+    return run.modes.mode is Mode.AIDED and t >= run.aiding.fix_used + run.aiding.lost_after
 
 
 def _blocks(run: FilterRun, stamps_ns: np.ndarray, out: np.ndarray) -> list[NavBlock]:
@@ -184,6 +183,9 @@ class Backlog:
         run, rest = self.run, None
         until = run.clock.seconds(int(block.stamps_ns[-1]))
         self.is_full = until >= self._limit
+        period = run.gnss.reception.fix_period
+        if not self._periods or self._periods[-1][1] != period:
+            self._periods.append((self._count, period))
         if self.is_full:
             count = int(((block.stamps_ns - run.clock.zero_ns) * NS).searchsorted(self._limit))
             count += self._limit < run.second_due
@@ -193,9 +195,6 @@ class Backlog:
                 return rest
             block = block.part(0, count)
             until = run.clock.seconds(int(block.stamps_ns[-1]))
-        period = run.gnss.reception.fix_period
-        if not self._periods or self._periods[-1][1] != period:
-            self._periods.append((self._count, period))
         self._waiting.append(block)
         self._count += len(block.stamps_ns)
         run.waiting_until = until
@@ -275,7 +274,7 @@ class Backlog:
         ahead = min(ahead, late[0].behind) if late else ahead
         is_followed = (ahead < len(rows) or self._is_followed) and not (late and late[0].behind == ahead)
         periods = [(row - done, period) for row, period in self._periods]
-        out, left = fly(run.timeline, (rows[:ahead], is_followed), punctual, periods)
+        out, left = fly(run, (rows[:ahead], is_followed), punctual, periods)
         run.quiet_until = -math.inf
         return out, left + [Coming(one.behind - len(out), one.observation) for one in late]
 
@@ -327,7 +326,7 @@ def _hear(run: FilterRun, coming: list[Coming]) -> list[Coming]:
 
 
 def fly(
-    timeline: Timeline, stretch: tuple[np.ndarray, bool], coming: list[Coming], periods: Periods
+    run: FilterRun, stretch: tuple[np.ndarray, bool], coming: list[Coming], periods: Periods
 ) -> tuple[np.ndarray, list[Coming]]:
     """``Timeline.advance`` by the compiled routine, with observations that arrive between the rows; none is late.
 
@@ -335,7 +334,8 @@ def fly(
     Ends early where something is unusual. Returns output rows (N, OUT_COLUMNS) as far as it went, and what of
     ``coming`` has not been heard of by then, in order of arrival and counted from there.
     """
-    (rows, is_followed), imu, queue, routine = stretch, timeline.imu, timeline.queue, timeline.routine
+    (rows, is_followed), timeline = stretch, run.timeline
+    imu, queue, routine = timeline.imu, timeline.queue, timeline.routine
     assert routine is not None
     imu.append(rows)
     begin = imu.last - len(rows)
@@ -357,6 +357,7 @@ def fly(
             left.append(Coming(one.behind - leg.rows, one.observation))
     if leg.unfinished is not None:
         before = timeline.shift
+        run.gnss.reception.fix_period = _period(periods, leg.rows)
         timeline.finish(np.array(leg.unfinished[table.RESULT_BEFORE : table.RESULT_AFTER]))
         timeline.moves.append((leg.rows, before))
     timeline.tidy()

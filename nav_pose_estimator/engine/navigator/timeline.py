@@ -7,6 +7,7 @@ splits the IMU interval at its own time, late and out-of-order observations lead
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -191,19 +192,26 @@ class Timeline:
         return routine
 
     def _observe_up_to(self, due: float) -> None:
-        """Let observations up to ``due`` [s] act on the filter, which stands there with its covariance up to date."""
-        restructured = False
-        while self.queue.due <= due:
+        """Let observations up to ``due`` [s] act on the filter, which stands there with its covariance up to date.
+
+        Outside a replay, one that acts behind its row ends them: ``_run`` comes to it next.
+        """
+        restructured, acting = False, self.queue.waiting(due)
+        if not self._replaying:
+            acting = acting[:1] + list(itertools.takewhile(lambda o: not o.behind, acting[1:]))
+        while acting:
             routine = self._routine_of_next()
             if routine is not None:
-                results = routine.act(self.filter.vector, self.queue.waiting(due), self.filter.time)
+                results = routine.act(self.filter.vector, acting, self.filter.time)
                 self.queue.skip(len(results))
+                acting = acting[len(results) :]
                 if not self._replaying:
                     for result in results:
                         self.shift = moved(self.shift, result, result)
                 if results:
                     continue
             before = self.filter.nav[LAT:VEL].tolist()
+            acting = acting[1:]
             if self.filter.act(self.queue.next(), self._apply):
                 restructured, self._started = True, self.filter.time
             if not self._replaying and before != self.filter.nav[LAT:VEL].tolist():
@@ -211,6 +219,7 @@ class Timeline:
         if restructured:
             # no replay can begin before a split or a union: the checkpoint here includes all that acted at its time
             self.filter.renew_checkpoints()
+            self._tidy_at = -math.inf  # ``rows_since`` reaches back to here, whatever the division into blocks
 
     def tidy(self) -> None:
         """Drop old data if it is time to."""

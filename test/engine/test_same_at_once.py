@@ -1,0 +1,120 @@
+"""A troubled flight fed at once and sample by sample: the same solutions, events, counters and figures, bit for bit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from nav_pose_estimator.core.filter.layout import OUT_COLUMNS
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.navigator.go_back import UNDONE
+from nav_pose_estimator.engine.navigator.modes import ModeKeeper
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.navigator import NavigatorParameters
+from nav_pose_estimator.engine.parameters.schema import update
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample
+from nav_pose_estimator.engine.sensors.aiding import Aiding
+from nav_pose_estimator.engine.solutions import Event, Mode, NavBlock, NavSolution, Output
+from nav_pose_estimator.offline.benchmarks.speed.plain_flight import full_set, samples
+from pieces import one_by_one
+
+START = 10**18
+
+
+def seconds(sample: Sample) -> float:
+    """Time [s] of a sample, or of the first one of a block."""
+    stamp_ns = int(sample.stamps_ns[0]) if isinstance(sample, ImuBlock) else sample.stamp_ns
+    return 1e-9 * (stamp_ns - START)
+
+
+def told(engine: PoseEstimator, outputs: list[Output]) -> dict[str, list]:
+    """Solutions by row, events, counters of both filters, and the figures of the status."""
+    said: dict[str, list] = {"rows": [], "modes": [], "events": []}
+    for output in outputs:
+        if isinstance(output, NavBlock):
+            said["rows"] += [[*row, *output.correction_enu.tolist()] for row in output.rows.tolist()]
+            said["modes"] += [(output.mode, output.reset_count)] * len(output.rows)
+        elif isinstance(output, NavSolution):
+            said["rows"].append([*output.values[:OUT_COLUMNS].tolist(), *output.correction_enu.tolist()])
+            said["modes"].append((output.mode, output.reset_count))
+        elif isinstance(output, Event):
+            said["events"].append((output.stamp_ns, output.name, output.text))
+    status, attitude = engine.status(), engine.attitude
+    assert attitude is not None
+    said["counters"] = [sorted(status.counters.items()), sorted(attitude.status().counters.items())]
+    said["figures"] = sorted((name, repr(value)) for name, value in status.values.items())
+    return said
+
+
+def assert_same(flight: list[Sample], **parameters: object) -> dict[str, list]:
+    """Feed the ``flight`` at once and sample by sample; returns what is told."""
+    given = update(Parameters(), {"learner.enabled": False, **parameters})
+    whole, single = PoseEstimator(given), PoseEstimator(given)
+    at_once = told(whole, whole.feed_all(flight))
+    expected = told(single, [output for sample in one_by_one(flight) for output in single.feed(sample)])
+    for name, values in expected.items():
+        assert at_once[name] == values, name
+    return at_once
+
+
+def test_the_past_is_computed_again_in_order_of_arrival() -> None:
+    """GIVEN samples of a magnetometer that the navigator got ahead of long blocks WHEN velocities turn out to be NED,
+    and the last seconds are computed again THEN these samples count at the time of their arrival."""
+    flight: list[Sample] = []
+    for sample in samples(17.0, 100.0):
+        if isinstance(sample, GnssVelocity) and seconds(sample) > 12.0:
+            east, north, up = sample.vel_enu
+            sample = replace(sample, vel_enu=(north, east, -up))
+        flight.append(sample)
+    assert UNDONE in {name for _, name, _ in assert_same(flight)["events"]}
+
+
+def test_a_gap_without_gnss() -> None:
+    """GIVEN an outage with a gap in the IMU data WHEN the navigator aligns again within a long block
+    THEN it has the attitude of each sample."""
+    flight: list[Sample] = []
+    for sample in samples(30.0, 100.0):
+        if isinstance(sample, (GnssFix, GnssVelocity)) and seconds(sample) > 22.5:
+            continue
+        if isinstance(sample, ImuBlock):
+            kept = (sample.stamps_ns <= START + 26_010_000_000) | (sample.stamps_ns > START + 27_210_000_000)
+            if not kept.any():
+                continue
+            sample = ImuBlock(sample.stamps_ns[kept], sample.gyro[kept], sample.accel[kept])
+        flight.append(sample)
+    assert "imu.gap" in {name for _, name, _ in assert_same(flight)["events"]}
+
+
+def test_an_exchange_at_a_refused_sample() -> None:
+    """GIVEN a clock of the IMU that is set back by 0.3 s WHEN data are due at a sample that the navigator refuses
+    THEN the attitude filter gets no velocity, also where the same time has come before."""
+    flight: list[Sample] = []
+    for sample in full_set(15.0, 100.0):
+        if isinstance(sample, ImuBlock) and seconds(sample) > 13.3:
+            sample = replace(sample, stamps_ns=sample.stamps_ns - 300_000_000)
+        flight.append(sample)
+    counters = dict(assert_same(flight)["counters"][0])
+    assert counters["imu.rejected.backward"] > 10
+
+
+@pytest.mark.compiled
+def test_fixes_that_come_twice() -> None:
+    """GIVEN fixes some of which come twice, so that the time between fixes varies
+    THEN all innovations are averaged with the same time between fixes."""
+    rng = np.random.default_rng(1)
+    flight: list[Sample] = []
+    for sample in full_set(20.0, 100.0):
+        is_twice = isinstance(sample, GnssFix) and seconds(sample) > 15.0 and rng.random() < 0.3
+        flight += [sample] * (1 + is_twice)
+    assert_same(flight, **{"gnss.error_states": True})
+
+
+def test_the_mode_changes_at_the_row_of_its_deadline() -> None:
+    """GIVEN IMU rows every 10 ms, and fixes once a second at their times THEN GNSS counts as lost from the first row on
+    that is not before the deadline, however the sum and the difference of the times are rounded."""
+    keeper = ModeKeeper(NavigatorParameters())
+    for k in range(1000):
+        aiding = Aiding(patience=1.5, fix_period=1.0, fix_used=0.01 * k)
+        deadline = keeper.deadline(aiding.fix_used, aiding)
+        for t in (0.01 * (k + 219), 0.01 * (k + 220), 0.01 * (k + 221)):
+            assert (keeper.at(t, aiding) is Mode.AIDED) == (t < deadline)
