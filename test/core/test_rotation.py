@@ -91,6 +91,12 @@ def test_wrapped_angle(a):
     assert rotation.wrap_angle_many(a) == wrapped
 
 
+@pytest.mark.parametrize("a", [math.nan, math.inf, -math.inf])
+def test_an_angle_that_is_not_finite_wraps_to_nan(a):
+    """With and without a compiler: Python's floor of such a number is an error."""
+    assert math.isnan(rotation.wrap_angle(a))
+
+
 @pytest.mark.parametrize("bad", [(0.0, 0.0, 0.0, 0.0), (math.nan, 0.0, 0.0, 1.0), (math.inf, 0.0, 0.0, 0.0)])
 def test_a_quaternion_without_length_becomes_the_identity(bad):
     assert np.array_equal(rotation.quat_normalize(np.array(bad)), (1.0, 0.0, 0.0, 0.0))

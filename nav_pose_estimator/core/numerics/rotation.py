@@ -146,7 +146,9 @@ def skew(v):
 
 @kernel
 def wrap_angle(a):
-    """The angle ``a`` [rad] wrapped to [-pi, pi)."""
+    """The angle ``a`` [rad] wrapped to [-pi, pi); NaN where it is not finite."""
+    if not math.isfinite(a):
+        return math.nan  # without numba, math.floor raises
     return a - 2.0 * math.pi * math.floor((a + math.pi) / (2.0 * math.pi))
 
 
