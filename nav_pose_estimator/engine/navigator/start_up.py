@@ -27,7 +27,7 @@ from nav_pose_estimator.engine.number_checks import is_covariance, is_within
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import AttitudeSample, GnssFix, SetPose
 from nav_pose_estimator.engine.sensors.gnss.innovation_record import beyond_chance
-from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import scatter_sd
+from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import excessive_sd
 from nav_pose_estimator.engine.sensors.magnetometer import level_field
 from nav_pose_estimator.engine.sensors.routine import routine
 
@@ -234,7 +234,7 @@ def warm_up(constants: np.ndarray) -> None:
     unfelt_change.UnfeltChange().find(means)
     unfelt_change.add_second(means, 0, np.ones((2, 4)), np.ones((1, 4)), 0.0, 0.0, 0.0)
     beyond_chance(np.ones((1, 2)))
-    scatter_sd(np.ones((1, 2)))
+    excessive_sd(np.ones((1, 2)), 1.0, False)
     field, to_body = level_field(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
     CompassSwing(1.0).add(to_body, field, 1.0)
     bias_noise.begin(nav, constants)

@@ -83,10 +83,8 @@ class Scatter:
         self._journal = journal
         self.sd = (0.0, 0.0)
         self._state = np.zeros(_SIZE)
-        self._steps, self._second_differences = (
-            np.empty((_COUNT, 2)),
-            np.empty(_COUNT),
-        )  # m; the oldest ones are replaced
+        self._steps = np.empty((_COUNT, 2))  # m; the oldest one is replaced, here and below
+        self._second_differences = np.empty(_COUNT)  # m, of heights
 
     @property
     def is_on(self) -> bool:
@@ -160,14 +158,10 @@ class VelocityScatter:
         was_on = self.is_on
         if self._count < (_COUNT if was_on else _ENOUGH):
             return
-        changes = self._changes[: self._count]
-        sd = float(scatter_sd(changes))
-        # few differences may be large by chance
-        limit = _OFF if was_on else _ON * math.sqrt(_COUNT / len(changes))
-        self.sd = sd if sd >= limit * self._stated else 0.0
+        self.sd = float(excessive_sd(self._changes[: self._count], self._stated, was_on))
         if self.is_on and not was_on:
             text = f"{self.reason}; they are used with that noise"
-            self._journal.say(stamp_ns, "gnss.velocity.scatters", Level.WARN, text, sd=sd)
+            self._journal.say(stamp_ns, "gnss.velocity.scatters", Level.WARN, text, sd=self.sd)
         elif was_on and not self.is_on:
             text = "GNSS velocities scatter as stated again"
             self._journal.say(stamp_ns, "gnss.velocity.scatters.ended", Level.INFO, text)
@@ -175,8 +169,10 @@ class VelocityScatter:
 
 @kernel
 def _take(state, recent, t, place, stated, sd):
-    """``Scatter.fix`` with a ``place`` of three numbers; ``recent``: steps (N, 2) and bends (N,). Returns the new
-    ``sd``."""
+    """``Scatter.fix`` with a ``place`` of three numbers; returns the new ``sd``.
+
+    ``recent``: steps (N, 2) and second differences of heights (N,).
+    """
     seconds = t - state[_T]
     if state[_FIXES] > 0.0 and seconds <= 0.0:
         return sd
@@ -194,7 +190,7 @@ def _take(state, recent, t, place, stated, sd):
 
 @kernel
 def _add_differences(state, steps, second_differences, seconds, place):
-    """Add the step from the last fix and, of three fixes at equal intervals, the bend of their heights."""
+    """Add the step from the last fix and, of three fixes at equal intervals, the second difference of heights."""
     row = int(state[_STEPS]) % _COUNT
     steps[row, 0], steps[row, 1] = place[0] - state[_PLACE], place[1] - state[_PLACE + 1]
     state[_STEPS] += 1.0
@@ -212,10 +208,8 @@ def _weighed(state, steps, second_differences, stated, sd):
     count, second_count = min(int(state[_STEPS]), _COUNT), min(int(state[_SECOND_DIFFERENCES]), _COUNT)
     if count < _ENOUGH:
         return sd
-    horizontal = scatter_sd(steps[:count])
-    # few differences may be large by chance
-    limit = _OFF if sd[0] > 0.0 else _ON * math.sqrt(_COUNT / count)
-    if horizontal < limit * stated:
+    horizontal = excessive_sd(steps[:count], stated, sd[0] > 0.0)
+    if horizontal == 0.0:
         return 0.0, 0.0
     return horizontal, (
         in_order(second_differences[:second_count])[second_count // 2] / _NORMAL if second_count > 0 else horizontal
@@ -223,7 +217,13 @@ def _weighed(state, steps, second_differences, stated, sd):
 
 
 @kernel
-def scatter_sd(steps):
-    """Deviation of the noise on each axis of measurements that differ by ``steps`` (N, 2) and a steady drift."""
+def excessive_sd(steps, stated, was_on):
+    """Deviation of the noise on each axis of measurements that differ by ``steps`` (N, 2) and a steady drift.
+
+    0.0 where it is not clearly larger than ``stated``; ``was_on``: it has been before.
+    """
     _, _, apart = about_median(steps)
-    return apart[int(_QUANTILE * len(steps))] / _RAYLEIGH
+    sd = apart[int(_QUANTILE * len(steps))] / _RAYLEIGH
+    # few differences may be large by chance
+    limit = _OFF if was_on else _ON * math.sqrt(_COUNT / len(steps))
+    return sd if sd >= limit * stated else 0.0
