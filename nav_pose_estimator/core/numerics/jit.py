@@ -5,11 +5,8 @@ Python runs it faster than numpy calls on 3-vectors.
 """
 
 import hashlib
-import importlib
-import importlib.util
 import os
 import sys
-from contextlib import suppress
 from functools import cache
 from types import ModuleType
 from typing import Any
@@ -31,30 +28,13 @@ _PACKAGE = __name__.partition(".")[0]  # kernels of all sub-packages may be comp
 _FOLDER = os.path.dirname(sys.modules[_PACKAGE].__file__ or "")
 COMPILED: bool = numba is not None and os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0")
 """True when kernels run as machine code in this process."""
+_LEAN_VERSIONS = (0, 61), (0, 68)
+"""Oldest and newest numba in which the functions that ``kernel_cache`` replaces are the same, word for word."""
 
-
-def _spare_scipy_linalg() -> None:
-    """Let numba find its BLAS without importing all of ``scipy.linalg``, which takes 0.2 s and is not used here.
-
-    With its versions of NumPy's functions, numba imports ``scipy.linalg.cython_blas``, for which an empty parent
-    package suffices. Both modules are removed again, so that a later import of ``scipy.linalg`` gets the real one.
-    """
-    if "scipy.linalg" in sys.modules:
-        return
-    with suppress(ImportError):  # without SciPy there is nothing to spare
-        spec = importlib.util.find_spec("scipy.linalg")
-        if spec is None:
-            return
-        sys.modules["scipy.linalg"] = importlib.util.module_from_spec(spec)
-        try:
-            importlib.import_module("numba.np.arraymath")
-        finally:
-            for name in ("scipy.linalg.cython_blas", "scipy.linalg"):
-                sys.modules.pop(name, None)
-
-
-if COMPILED:
-    _spare_scipy_linalg()
+if COMPILED and _LEAN_VERSIONS[0] <= numba.version_info.short <= _LEAN_VERSIONS[1]:
+    from nav_pose_estimator.core.numerics.kernel_cache import KernelCache
+else:
+    KernelCache = None  # type: ignore[assignment,misc]
 
 
 def kernel(function):
@@ -72,14 +52,17 @@ def inlined(function):
 
 
 def _compile(function, **options):
-    if numba is None:
+    if not COMPILED:
         return function
     options = {"error_model": "numpy", "no_cfunc_wrapper": True, **options}  # kernels are never called from C
-    compiled = numba.njit(cache=True, **options)(function)
-    if COMPILED and not _tie_cache_to_sources(compiled):
+    compiled = numba.njit(**options)(function)
+    if KernelCache is None:
+        compiled.enable_caching()
+    else:
+        compiled._cache = KernelCache(function)
+    if not _tie_cache_to_sources(compiled):
         compiled = numba.njit(**options)(function)
-    if COMPILED:
-        _ignore_literal_types(compiled)
+    _ignore_literal_types(compiled)
     return compiled
 
 

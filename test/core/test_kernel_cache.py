@@ -1,0 +1,85 @@
+"""Cached kernels are loaded without numba's compiler, which is still there for whatever has to be compiled."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from nav_pose_estimator.core.numerics import jit
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+INNER = """import numpy as np
+from nav_pose_estimator.core.numerics.jit import inlined, kernel
+
+@inlined
+def square(x):
+    return x * x
+
+@kernel
+def scaled(values, factor):
+    if factor == 0.0:
+        raise ValueError("no factor")
+    out = np.empty_like(values)
+    for i in range(len(values)):
+        out[i] = factor * square(values[i])
+    return out, len(values)
+"""
+USER = """import sys
+import numpy as np
+from inner import scaled
+
+print(scaled(np.array((1.0, 2.0, 3.0)), 2.0))
+try:
+    scaled(np.zeros(3), 0.0)
+except ValueError as error:
+    print(error)
+print("hits", sum(scaled.stats.cache_hits.values()), "compiler", "numba.np.npyimpl" in sys.modules)
+"""
+COMPILES = """
+from nav_pose_estimator.core.numerics.jit import kernel
+
+@kernel
+def outer(values):
+    return scaled(values, 3.0)[0].sum() + scaled(values[::2], 1.0)[1]
+
+print(outer(np.ones(3)), "hits", sum(outer.stats.cache_hits.values()))
+"""
+RESULTS = ["(array([ 2.,  8., 18.]), 3)", "no factor"]
+pytestmark = pytest.mark.compiled
+
+
+def run(folder: Path, program: str) -> list[str]:
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(folder / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
+    environment["PYTHONPATH"] = os.pathsep.join([str(folder), str(REPOSITORY)])
+    (folder / "inner.py").write_text(INNER)
+    (folder / "program.py").write_text(program)
+    command = [sys.executable, "-c", "import program"]
+    done = subprocess.run(command, env=environment, check=True, capture_output=True, text=True, timeout=300)
+    return done.stdout.splitlines()
+
+
+def test_a_cached_kernel_does_without_the_compiler(tmp_path):
+    """GIVEN a kernel in the cache WHEN another process calls it THEN results and errors are the same, uncompiled."""
+    assert run(tmp_path, USER) == [*RESULTS, "hits 0 compiler True"]
+    assert run(tmp_path, USER) == [*RESULTS, "hits 1 compiler False"]
+
+
+def test_a_new_kernel_is_compiled_with_cached_ones(tmp_path):
+    """GIVEN a kernel loaded from the cache WHEN a new one calls it, also with other types THEN both are compiled."""
+    run(tmp_path, USER)
+    assert run(tmp_path, USER + COMPILES) == [*RESULTS, "hits 1 compiler False", "11.0 hits 0"]
+    assert run(tmp_path, USER + COMPILES) == [*RESULTS, "hits 1 compiler False", "11.0 hits 1"]
+
+
+def test_an_unknown_numba_loads_kernels_itself(tmp_path):
+    """GIVEN kernels in the cache WHEN numba has a version that is not known THEN it loads them in its own way."""
+    unknown = "import numba\nnumba.version_info = numba.version_info._replace(short=(999, 0))\n"
+    run(tmp_path, USER)
+    assert run(tmp_path, unknown + USER) == [*RESULTS, "hits 1 compiler True"]
+
+
+def test_the_installed_numba_is_known():
+    """A newer one is used in its own way, until the functions that ``kernel_cache`` replaces were compared."""
+    assert jit.KernelCache is not None
