@@ -1,5 +1,9 @@
 """What makes the memory of a replay independent of the length of the flight, and that nothing else depends on it."""
 
+import dataclasses
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -9,7 +13,7 @@ from nav_pose_estimator.engine.samples import GnssFix
 from nav_pose_estimator.engine.solutions import Mode, NavBlock
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.benchmarks.speed.processes import write_flight_bag
-from nav_pose_estimator.offline.flights import methods, row_store, tracks
+from nav_pose_estimator.offline.flights import methods, recording, row_store, tracks
 from nav_pose_estimator.offline.flights.outages import Outage
 from nav_pose_estimator.offline.flights.recording import load
 from nav_pose_estimator.offline.flights.row_store import RowStore, pieces, release
@@ -105,6 +109,7 @@ def test_a_recording_that_is_not_held_replays_the_same(bag, tmp_path, monkeypatc
     monkeypatch.setattr(row_store, "IN_MEMORY", 100)
     monkeypatch.setattr(row_store, "AT_ONCE", 64)
     monkeypatch.setattr(replaying, "DRAWN", 500)
+    monkeypatch.setattr(recording, "HELD_BYTES", 500_000)
     streamed = load(bag, hold=False)
     assert not isinstance(streamed.samples, list)
     assert (streamed.epoch_ns, streamed.duration, streamed.imu_count) == (held.epoch_ns, held.duration, held.imu_count)
@@ -118,6 +123,30 @@ def test_a_recording_that_is_not_held_replays_the_same(bag, tmp_path, monkeypatc
             write(tmp_path / name, result, 20.0)
         assert (tmp_path / "first").read_bytes() == (tmp_path / "second").read_bytes()
     assert messages(tmp_path / "bag_1", first) == messages(tmp_path / "bag_2", second)
+
+
+def test_a_short_bag_is_read_only_once(bag, tmp_path, monkeypatch):
+    """GIVEN a bag that was opened WHEN it is gone THEN its samples are there if it is short, as often as needed."""
+    copy = Path(shutil.copytree(bag, tmp_path / "flight_bag"))
+    short = load(copy, hold=False)
+    monkeypatch.setattr(recording, "HELD_BYTES", 10_000)
+    long = load(copy, hold=False)
+    shutil.rmtree(copy)
+    assert same(short.samples, load(bag).samples)
+    assert same(short.samples, load(bag).samples)
+    with pytest.raises(UserError):
+        list(long.samples)
+
+
+def same(samples, others) -> bool:
+    """Whether two streams have the same samples, in the same blocks."""
+    return all(a == b for a, b in zip(map(plain, samples), map(plain, others), strict=True))
+
+
+def plain(sample) -> tuple:
+    """A sample as bytes and numbers, which can be compared."""
+    fields = (getattr(sample, field.name) for field in dataclasses.fields(sample))
+    return type(sample), *(value.tobytes() if isinstance(value, np.ndarray) else value for value in fields)
 
 
 def messages(path, result) -> list:

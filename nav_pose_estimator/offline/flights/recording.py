@@ -3,7 +3,7 @@
 import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -12,13 +12,16 @@ import numpy as np
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample, joined
 from nav_pose_estimator.engine.solutions import Event
-from nav_pose_estimator.offline.bags.raw_messages import BagError
-from nav_pose_estimator.offline.bags.reader import BagReader
+from nav_pose_estimator.offline.bags.raw_messages import BagError, from_payloads
+from nav_pose_estimator.offline.bags.reader import BagReader, SampleBatch
 from nav_pose_estimator.offline.damaged_input import reading
 from nav_pose_estimator.offline.flights.survey import Contents, Survey
 from nav_pose_estimator.offline.flights.tracks import Reference, gnss_reference
 from nav_pose_estimator.offline.flights.truth import TruthRecorder
 
+HELD_BYTES = 24 << 20
+"""Memory for the samples of a short bag, which is read once: 15 minutes of a 200 Hz IMU with all sensors."""
+_IMU_BYTES, _OTHER_BYTES = 56, 400  # memory of a sample
 _STANDS = 0.9  # fraction of IMU samples with repeated stamps from which the clock counts as standing still
 
 
@@ -98,12 +101,27 @@ class Recording:
 
 
 class SampleStream:
-    """The samples of a bag, which every iteration reads again, so that none stays in memory."""
+    """The samples of a bag. Those of a short one stay in memory; of a longer one, every iteration reads them again."""
 
     def __init__(self, path: Path, remaps: dict[str, str] | None, parameters: Parameters | None) -> None:
         self._path, self._remaps, self._parameters = path, remaps, parameters
+        self._held: list[SampleBatch] | None = []
+        self._bytes = 0
+
+    def hold(self, batch: SampleBatch) -> None:
+        """Keep the next samples of the bag, unless they are too many. All of it has to pass here once, or nothing."""
+        if self._held is None:
+            return
+        self._bytes += _IMU_BYTES * len(batch.imu) + _OTHER_BYTES * len(batch.others)
+        self._held.append(replace(batch, aside=from_payloads([], [], [])))
+        if self._bytes > HELD_BYTES:
+            self._held = None
 
     def __iter__(self) -> Iterator[Sample]:
+        if self._held:
+            for batch in self._held:
+                yield from batch.samples()
+            return
         with reading(self._path), BagReader(self._path, self._remaps, self._parameters) as reader:
             yield from reader.samples()
 
@@ -117,8 +135,8 @@ def load(
 ) -> Recording:
     """Read a bag with the given ``parameters`` (``ros.input``). ``progress`` receives the number of IMU samples read.
 
-    With ``hold`` False the samples are not stored: every iteration reads the bag again. Raises ``UserError`` for a bag
-    that cannot be read.
+    With ``hold`` False, the samples of a long bag are not stored: every iteration reads it again. Raises ``UserError``
+    for a bag that cannot be read.
     """
     path = Path(path)
     with reading(path):
@@ -132,7 +150,7 @@ def _load_bag(
     parameters: Parameters | None,
     hold: bool,
 ) -> Recording:
-    survey, samples = Survey(), list[Sample]()
+    survey, samples, stream = Survey(), list[Sample](), SampleStream(path, remaps, parameters)
     with BagReader(path, remaps, parameters) as reader:
         recorder = TruthRecorder(reader.topics.truth)
         for batch in reader.batches(reader.topics.truth):
@@ -140,6 +158,8 @@ def _load_bag(
             recorder.take(batch.aside)
             if hold:
                 samples += batch.samples()
+            else:
+                stream.hold(batch)
             if progress is not None:
                 progress(len(batch.imu))
         epoch_ns = _epoch(path, survey, reader)
@@ -149,7 +169,7 @@ def _load_bag(
         notices, events = reader.notices + assumed + _standing_clock(survey), reader.events
     return Recording(
         path=path,
-        samples=samples if hold else SampleStream(path, remaps, parameters),
+        samples=samples if hold else stream,
         epoch_ns=epoch_ns,
         duration=(survey.last_ns - epoch_ns) * 1e-9,
         truth=truth,
