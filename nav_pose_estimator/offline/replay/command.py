@@ -3,9 +3,12 @@
 import argparse
 import math
 import os
+import shutil
 import sys
 import time
+from contextlib import nullcontext
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
         from nav_pose_estimator.offline.flights.config_file import load_parameters
         from nav_pose_estimator.offline.logs import open_recording  # noqa: F401  for ``_Plan``
         from nav_pose_estimator.offline.output_folder import OutputFolder
-        from nav_pose_estimator.offline.replay import replay, report, rerun_file, solution_bag  # noqa: F401  for ``_replay``
+        from nav_pose_estimator.offline.replay import beside, replay, report, rerun_file  # noqa: F401  for ``_replay``
         from nav_pose_estimator.offline.replay.aid_option import with_aids
         from nav_pose_estimator.offline.replay.files import REPORT
         from nav_pose_estimator.offline.replay.origin_option import with_origin
@@ -170,22 +173,28 @@ def _first(wanted: list) -> float:
 def _replay(recording, parameters, wanted, folder: Path, rate: float) -> Any:
     """Replay, write all files, and return the result."""
     from nav_pose_estimator.offline.replay import files
+    from nav_pose_estimator.offline.replay.beside import beside
     from nav_pose_estimator.offline.replay.replay import replay
     from nav_pose_estimator.offline.replay.report import write_report
 
     with _bar("replay", recording.imu_count) as bar:
         result = replay(recording, parameters, wanted, bar.update)
-    write_report(folder / files.REPORT, result)
-    files.write_summary(folder / files.SUMMARY, result, seconds_since_start())
-    files.write_tum(folder / files.TUM, result, rate)
-    files.write_csv(folder / files.CSV, result, rate)
-    wall = seconds_since_start()
-    _print_summary(result, wall)
-    if len(result.track):
-        from nav_pose_estimator.offline.replay.solution_bag import write_solution
-
-        write_solution(folder / files.SOLUTION, result, min(rate, 10.0))
+    bag = partial(_write_solution, folder / files.SOLUTION, result, min(rate, 10.0))
+    with beside(bag) if len(result.track) else nullcontext():
+        write_report(folder / files.REPORT, result)
+        files.write_summary(folder / files.SUMMARY, result, seconds_since_start())
+        files.write_tum(folder / files.TUM, result, rate)
+        files.write_csv(folder / files.CSV, result, rate)
+        _print_summary(result, seconds_since_start())
     return result
+
+
+def _write_solution(path: Path, result: Any, rate: float) -> None:
+    """Write the solution as a bag, in place of one that was begun."""
+    from nav_pose_estimator.offline.replay.solution_bag import write_solution
+
+    shutil.rmtree(path, ignore_errors=True)
+    write_solution(path, result, rate)
 
 
 def _refused(result) -> str:

@@ -9,8 +9,6 @@ import os
 import pickle
 import signal
 import socket
-import sys
-import warnings
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
@@ -20,17 +18,17 @@ from typing import Any
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.outage.learner import TAKE_OVER, OutageLearner
 from nav_pose_estimator.engine.outage.methods.method import TrainingJob, TrainingResult
+from nav_pose_estimator.offline.replay.beside import ENDING_SIGNALS, fork, has_second_core
 
 Work = Callable[[], Any]
 _AHEAD = 0.01  # s before a result takes effect from which the replay waits for it; more than times are rounded by
-_KINDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class SecondCore:
     """Context manager, which ends unfinished work on exit."""
 
     def __init__(self) -> None:
-        self._can_copy = sys.platform == "linux" and len(os.sched_getaffinity(0)) > 1
+        self._can_copy = has_second_core()
         self._copy: _Copy | None = None
         self._trainings: list[tuple[float, OutageLearner, Work]] = []
         self._rehearsals: list[Callable[[], None]] = []  # not begun yet
@@ -101,10 +99,7 @@ class _Copy:
 
     def __init__(self) -> None:
         ours, theirs = socket.socketpair()
-        with warnings.catch_warnings():
-            # Python warns of a fork with threads, but the fork does not use those of the libraries
-            warnings.simplefilter("ignore", DeprecationWarning)
-            self._process = os.fork()
+        self._process = fork()
         if self._process == 0:
             ours.close()
             _serve(theirs.makefile("rwb"))
@@ -143,7 +138,7 @@ def _result(answer: Future, work: Work) -> Any:
 def _serve(pipe: BufferedRWPair) -> None:
     """Main function of the fork: it only works, and does not clean up what belongs to the original process."""
     try:
-        for kind in _KINDS:
+        for kind in ENDING_SIGNALS:
             signal.signal(kind, signal.SIG_DFL)
         while True:
             pickle.dump(pickle.load(pipe)(), pipe)
