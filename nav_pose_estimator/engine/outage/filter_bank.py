@@ -7,6 +7,7 @@ only by the advice of its guide. A noise model that learns follows the innovatio
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -23,6 +24,7 @@ from nav_pose_estimator.engine.outage.epochs import joined_rows
 from nav_pose_estimator.engine.outage.methods.coast import Coast
 from nav_pose_estimator.engine.sensors.rest import Rest
 
+_CHECKPOINT_PERIOD = 0.5  # s: seldom, since hardly an observation is late, and the filters then fit into the cache
 COAST = Coast.name
 ONE_WAY = Kind("one_way")
 """Observations of one way alone, by its guide."""
@@ -73,8 +75,10 @@ class FilterBank(SplitFilter):
 
     def __init__(self, coasting: SplitFilter) -> None:
         """Continue the filter ``coasting``, which has no branches and is not to be used any more."""
-        super().__init__(coasting.constants, coasting._slots, coasting._period)
+        reach = (coasting._slots - 2) * coasting._period  # s, of its checkpoints into the past
+        super().__init__(coasting.constants, math.ceil(reach / _CHECKPOINT_PERIOD) + 2, _CHECKPOINT_PERIOD)
         self._hold(coasting.vector)
+        self.vector[memory.PERIOD] = _CHECKPOINT_PERIOD
         self.ways: dict[str, Way] = {}
         self.was_restarted = False
         """Whether the filter had to start again, without the ways."""
@@ -169,6 +173,7 @@ def without_gnss(sins: SinsEngine) -> SinsEngine:
     twin = sins.snapshot()
     run = twin.run
     run.past.forget()  # no fix will make it go back
+    run.start_up = run.start_up.afresh(run.parameters)  # nor will it align again; both would only be handed on
     bank = FilterBank(run.timeline.filter)
     run.timeline.filter, run.timeline.routine = bank, None
     run.rest = RestOfEach(run.rest, bank)

@@ -18,6 +18,7 @@ from typing import Any
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.outage.learner import TAKE_OVER, OutageLearner
 from nav_pose_estimator.engine.outage.methods.method import TrainingJob, TrainingResult
+from nav_pose_estimator.engine.outage.rehearsals import at_its_end
 from nav_pose_estimator.offline.replay.beside import ENDING_SIGNALS, fork, has_second_core
 
 Work = Callable[[], Any]
@@ -87,8 +88,7 @@ class SecondCore:
     def _begin(self, work: Work) -> Work:
         """Begin ``work``; the kernels that only it needs are loaded by the fork alone."""
         if not self._can_copy:
-            result = work()
-            return lambda: result
+            return at_its_end(work)
         if self._copy is None:
             self._copy = _Copy()
         return self._copy.begin(work)
