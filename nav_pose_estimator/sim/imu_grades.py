@@ -6,13 +6,15 @@ limits, taken as two standard deviations.
 """
 
 import difflib
+import math
 from dataclasses import dataclass, replace
 
+from nav_pose_estimator.core.numerics.units import STANDARD_GRAVITY
 from nav_pose_estimator.errors import UserError
 
-DEG = 0.017453292519943295  # rad
+DEG = math.radians(1.0)
 DEG_PER_HOUR = DEG / 3600.0  # rad/s
-MG = 9.80665e-3  # m/s^2
+MG = 1e-3 * STANDARD_GRAVITY  # m/s^2
 
 
 @dataclass(frozen=True)
