@@ -10,7 +10,7 @@ import numpy as np
 from nav_pose_estimator.core.earth.atmosphere import height_pressure, pressure_height, water_height
 from nav_pose_estimator.core.earth.ellipsoid import gravity
 from nav_pose_estimator.core.filter import measurements
-from nav_pose_estimator.core.filter.blocks import DEPTH, Block, Wander
+from nav_pose_estimator.core.filter.blocks import DEPTH, Block, GaussMarkov
 from nav_pose_estimator.core.filter.layout import ALT, DPOS, LAT
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import GATED, LEFT_OUT, Decision, FilterView, Kind, Observation, Use
@@ -214,7 +214,7 @@ class DepthSensor(Aid):
 
     kind = Kind("depth", quiet=True)
     sample, family = WaterPressure, "depth"
-    blocks: ClassVar[dict[Block, Wander]] = {DEPTH: Wander(walk=2e-3)}
+    blocks: ClassVar[dict[Block, GaussMarkov]] = {DEPTH: GaussMarkov(walk=2e-3)}
 
     def __init__(self, parameters: Parameters, aiding: Aiding, journal: Journal) -> None:
         super().__init__(parameters, aiding, journal)

@@ -16,7 +16,7 @@ import numpy as np
 from nav_pose_estimator.core.beams.delay import velocity_at
 from nav_pose_estimator.core.beams.judge import GATE, GATED, LOST, USED, BeamJudge, Judged
 from nav_pose_estimator.core.filter import measurements
-from nav_pose_estimator.core.filter.blocks import DVL, DVL_DELAY, Block, Wander
+from nav_pose_estimator.core.filter.blocks import DVL, DVL_DELAY, Block, GaussMarkov
 from nav_pose_estimator.core.filter.measurements import BEAMS
 from nav_pose_estimator.engine.imu.mounting import rotation_from_rpy
 from nav_pose_estimator.engine.journal import Journal
@@ -44,9 +44,9 @@ class BeamVelocitySensor(Aid):
     kind = Kind("beam_velocity", holds=True)
     sample, family = BeamVelocitySample, "beam_velocity"
     bounds_drift = True
-    blocks: ClassVar[dict[Block, Wander]] = {
-        DVL: Wander((3e-5,) * BEAMS + (1e-5,) + (1e-6,) * 3),
-        DVL_DELAY: Wander(1e-3),
+    blocks: ClassVar[dict[Block, GaussMarkov]] = {
+        DVL: GaussMarkov((3e-5,) * BEAMS + (1e-5,) + (1e-6,) * 3),
+        DVL_DELAY: GaussMarkov(1e-3),
     }
 
     def __init__(self, parameters: Parameters, aiding: Aiding, journal: Journal) -> None:
