@@ -20,7 +20,7 @@ class InputWatch:
         self.topic = topic
         self._node, self._needed = node, needed
         self._total = self._reported = self._lost_reported = 0
-        self._told_lost = self._skipped = self._dropped = 0
+        self._reported_lost = self._skipped = self._dropped = 0
         self._taken = 0  # messages taken from the middleware
         self._numbered = 0, 0  # last known publication number, and how many messages were taken by then
         self._skipped_lately = 0
@@ -39,7 +39,7 @@ class InputWatch:
 
     def lost(self, count: int) -> None:
         """Count messages that the middleware reports as lost."""
-        self._told_lost += count
+        self._reported_lost += count
 
     def dropped(self) -> None:
         """Count a message that was dropped because the node is too far behind."""
@@ -63,7 +63,7 @@ class InputWatch:
     @property
     def lost_so_far(self) -> int:
         """Number of messages that were published and did not reach the estimator."""
-        return max(self._told_lost, self._skipped) + self._dropped
+        return max(self._reported_lost, self._skipped) + self._dropped
 
     def report(self) -> wording.InputReport:
         """State of the input, with rate and losses since the last report."""

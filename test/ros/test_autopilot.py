@@ -198,11 +198,11 @@ def test_stamps_pass_where_px4_keeps_our_time_and_are_moved_where_it_does_not():
     in_step, apart = Px4Clock(), Px4Clock()
     assert in_step.stamp_us(STAMP) == STAMP // 1000
     for delay_us in (3000, 500, 9000):
-        in_step.hear((STAMP // 1000) - delay_us, STAMP)
-        apart.hear(60_000_000 - delay_us, STAMP)
+        in_step.note((STAMP // 1000) - delay_us, STAMP)
+        apart.note(60_000_000 - delay_us, STAMP)
     assert in_step.stamp_us(STAMP) == STAMP // 1000
     assert apart.stamp_us(STAMP) == 60_000_000 - 500
-    apart.hear(1_000_000, STAMP)  # PX4 has started again
+    apart.note(1_000_000, STAMP)  # PX4 has started again
     assert apart.stamp_us(STAMP) == 1_000_000
 
 

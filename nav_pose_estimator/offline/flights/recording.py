@@ -191,8 +191,8 @@ def sidecar(path: Path) -> dict:
 
 def _epoch(path: Path, survey: Survey, reader: BagReader) -> int:
     if not survey.imu_count:
-        told = [*(event.text for event in reader.events), *reader.bag.warnings]
-        why = next((f": {text}" for text in told if text), "")
+        reasons = [*(event.text for event in reader.events), *reader.bag.warnings]
+        why = next((f": {text}" for text in reasons if text), "")
         raise BagError(f"{path} holds no readable IMU message{why}")
     if survey.epoch_ns is None:
         raise BagError(f"{path}: every IMU message has the stamp zero; the driver must fill header.stamp")

@@ -159,8 +159,8 @@ def _armed(log: LogTables) -> list[tuple[int, int]] | None:
     if table is None or not table.has("Id"):
         return None
     event = table.number("Id")
-    told = (event == _ARMED) | (event == _DISARMED)
-    return _closed(log, sensors.armed_spans(table.time_us[told], event[told] == _ARMED)) if told.any() else None
+    arming = (event == _ARMED) | (event == _DISARMED)
+    return _closed(log, sensors.armed_spans(table.time_us[arming], event[arming] == _ARMED)) if arming.any() else None
 
 
 def _closed(log: LogTables, spans: list[tuple[int, int]] | None) -> list[tuple[int, int]] | None:

@@ -21,7 +21,7 @@ def of_outages(result: ReplayResult) -> Iterator[str]:
     """The figures for which there is something to show."""
     plot = prediction(result)
     if plot is not None:
-        yield "<h2>What the network said</h2>" + page.figure(
+        yield "<h2>Predictions of the network</h2>" + page.figure(
             plot,
             "Velocity over ground in the outages, as the network has it from attitude, IMU and the wind it knows,"
             " beside the withheld one.",
@@ -56,12 +56,12 @@ def track(result: ReplayResult) -> live.Track:
 
 def prediction(result: ReplayResult) -> Plot | None:
     """The network's velocity in the outages beside that of the reference; None where either is missing."""
-    said = result.record.predictions
+    predictions = result.record.predictions
     flown = _flown(result.drawn_reference)
-    if not said or flown is None:
+    if not predictions or flown is None:
         return None
-    t = np.array([(s.stamp_ns - result.recording.epoch_ns) * 1e-9 for s in said]) - me.PERIOD / 2.0
-    velocity = result.track.velocity_at(t) - np.array([s.dv_n for s in said])
+    t = np.array([(s.stamp_ns - result.recording.epoch_ns) * 1e-9 for s in predictions]) - me.PERIOD / 2.0
+    velocity = result.track.velocity_at(t) - np.array([s.dv_n for s in predictions])
     velocity[np.diff(t, prepend=t[0]) > _GAP] = np.nan  # lift the pen between outages
     plot = Plot("s since the first stamp", "velocity over ground, m/s", time=True, height=300)
     for outage in result.outages:

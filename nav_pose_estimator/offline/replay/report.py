@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from nav_pose_estimator.core.numerics.rotation import euler_from_quat_many
+from nav_pose_estimator.core.numerics.units import STANDARD_GRAVITY
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import flatten
 from nav_pose_estimator.engine.solutions import Level, Mode
@@ -26,7 +27,6 @@ _MODE_STYLE = {
     Mode.EXPIRED: "mode-bad",
 }
 MAX_EVENTS = 200
-G = 9.80665
 
 
 def write_report(path: Path, result: ReplayResult) -> None:
@@ -209,7 +209,7 @@ def _velocity(result: ReplayResult) -> Plot:
 
 def _biases(result: ReplayResult) -> Iterator[Plot]:
     history = result.record.bias_history
-    units = ("gyroscope bias, deg/s", math.degrees(1.0)), ("accelerometer bias, mg", 1e3 / G)
+    units = ("gyroscope bias, deg/s", math.degrees(1.0)), ("accelerometer bias, mg", 1e3 / STANDARD_GRAVITY)
     for sensor, (unit, factor) in enumerate(units):
         plot = _plot(result, unit)
         values, spread = (factor * rows for rows in history.of(sensor))
@@ -238,12 +238,12 @@ def _modes(result: ReplayResult) -> str:
 
 
 def _events(result: ReplayResult) -> str:
-    told = [event for event in result.record.events if event.level is not Level.DEBUG]
+    shown = [event for event in result.record.events if event.level is not Level.DEBUG]
     rows = [
         [f"{(e.stamp_ns - result.recording.epoch_ns) * 1e-9:.2f}", e.level.name, e.text, e.name]
-        for e in told[:MAX_EVENTS]
+        for e in shown[:MAX_EVENTS]
     ]
-    left = f"<p class=soft>{len(told) - MAX_EVENTS} more are not shown.</p>" if len(told) > MAX_EVENTS else ""
+    left = f"<p class=soft>{len(shown) - MAX_EVENTS} more are not shown.</p>" if len(shown) > MAX_EVENTS else ""
     return page.table(["s", "", "event", "name"], rows, text_columns=(1, 2, 3)) + left
 
 

@@ -113,8 +113,8 @@ class Recorded:
     def key(self) -> str:
         """Key that depends on everything that affects the replay, but not on the path of the recording."""
         files = (sidecar_path(self.path), self.reading.config)
-        said = (self.digest, self.reading.log, self.reading.gnss_delay)
-        return key_of(said, [path for path in files if path is not None])
+        read_as = (self.digest, self.reading.log, self.reading.gnss_delay)
+        return key_of(read_as, [path for path in files if path is not None])
 
 
 def fly(recorded: Recorded) -> FlightData:

@@ -48,8 +48,8 @@ class Trial:
 
 def run_trials(case: Case, condition: str, seed: int, methods: tuple[str, ...], change: Parameters) -> list[Trial]:
     """All ``methods`` on the same data. ``change``: parameters that the case does not set itself."""
-    recording = generate(case.told(condition), seed=seed, imu=case.grade)
-    gnss = case.told("white").gnss
+    recording = generate(case.scenario_for(condition), seed=seed, imu=case.grade)
+    gnss = case.scenario_for("white").gnss
     assert gnss is not None
     trials = []
     for method in methods:
