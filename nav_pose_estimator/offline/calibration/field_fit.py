@@ -84,7 +84,7 @@ def fit_field(pairs: FieldPairs) -> FieldFit:
     sd = np.sqrt(covariance.diagonal())
     mirror = bool(np.linalg.det(axes) < 0.0)
     flip = np.diag([1.0, 1.0, -1.0]) if mirror else np.eye(3)
-    fit = FieldFit(
+    return FieldFit(
         hard_iron=h,
         soft_iron=flip @ shape,
         rotation=turn @ axes @ flip,
@@ -97,7 +97,6 @@ def fit_field(pairs: FieldPairs) -> FieldFit:
         before_deg=_direction_error(pairs, np.eye(3), np.zeros(3)),
         after_deg=_direction_error(pairs, turn @ axes @ shape, h),
     )
-    return fit
 
 
 def _ways() -> list[np.ndarray]:

@@ -11,7 +11,7 @@ import numpy as np
 from nav_pose_estimator.offline.benchmarks.alignment.cases import CASES
 from nav_pose_estimator.offline.benchmarks.alignment.summary import Summary, judged
 from nav_pose_estimator.offline.benchmarks.alignment.trial import Trial
-from nav_pose_estimator.offline.benchmarks.tables import markdown
+from nav_pose_estimator.offline.benchmarks.tables import markdown, number
 from nav_pose_estimator.offline.page import page
 from nav_pose_estimator.offline.page.svg import Plot
 
@@ -41,17 +41,17 @@ def table_rows(summaries: list[Summary]) -> list[list[str]]:
         [
             s.condition,
             s.method,
-            _number(s.to_1_deg_s, 0),
-            _number(s.to_1_deg_p90_s, 0),
-            _number(s.to_5_arcmin_s, 0),
+            number(s.to_1_deg_s, 0),
+            number(s.to_1_deg_p90_s, 0),
+            number(s.to_5_arcmin_s, 0),
             f"{100.0 * s.within_5_arcmin:.0f} %",
-            _number(s.heading_rms_deg, 3),
+            number(s.heading_rms_deg, 3),
             "–" if math.isnan(s.heading_low_deg) else f"{s.heading_low_deg:.3f}-{s.heading_high_deg:.3f}",
-            _number(s.final_heading_deg, 3),
-            _number(s.tilt_rms_deg, 3),
-            _number(s.position_rms_m, 2),
-            _number(s.nees, 2),
-            _number(s.factor, 1),
+            number(s.final_heading_deg, 3),
+            number(s.tilt_rms_deg, 3),
+            number(s.position_rms_m, 2),
+            number(s.nees, 2),
+            number(s.factor, 1),
         ]
         for s in summaries
     ]
@@ -102,7 +102,3 @@ def _plot(trials: list[Trial]) -> Plot:
         if curves:
             plot.line(seconds, np.maximum(np.median(curves, axis=0), _LEAST), style, method)
     return plot
-
-
-def _number(value: float, digits: int) -> str:
-    return "never" if math.isinf(value) else f"{value:.{digits}f}"

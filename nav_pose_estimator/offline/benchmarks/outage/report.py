@@ -10,6 +10,7 @@ import numpy as np
 from nav_pose_estimator.offline.benchmarks.outage.scores import probability
 from nav_pose_estimator.offline.benchmarks.outage.statistics import ALL, Row, Summary, comparable
 from nav_pose_estimator.offline.benchmarks.outage.trials import GRID, FlightResult
+from nav_pose_estimator.offline.benchmarks.tables import number, percent
 from nav_pose_estimator.offline.flights.methods import classical
 from nav_pose_estimator.offline.page import page
 from nav_pose_estimator.offline.page.svg import Plot
@@ -47,18 +48,18 @@ def table_rows(summaries: list[Summary]) -> list[list[str]]:
         [
             s.method,
             str(s.outages),
-            ("*" if s.median_m == best["median_m"] else "") + _number(s.median_m),
-            f"{_number(s.median_low_m)} to {_number(s.median_high_m)}",
-            ("*" if s.rms_m == best["rms_m"] else "") + _number(s.rms_m),
-            _number(s.p90_m),
-            _number(s.max_m),
-            _share(s.within_3_sigma),
-            _number(s.error_over_sigma, 2),
-            _number(s.rms_ratio, 2),
-            _share(s.win_rate),
-            f"{_share(s.within_1_sigma)}, {_share(s.within_2_sigma)}",
-            _number(s.log_score, 2),
-            _number(s.energy_score_m),
+            ("*" if s.median_m == best["median_m"] else "") + number(s.median_m),
+            f"{number(s.median_low_m)} to {number(s.median_high_m)}",
+            ("*" if s.rms_m == best["rms_m"] else "") + number(s.rms_m),
+            number(s.p90_m),
+            number(s.max_m),
+            percent(s.within_3_sigma),
+            number(s.error_over_sigma, 2),
+            number(s.rms_ratio, 2),
+            percent(s.win_rate),
+            f"{percent(s.within_1_sigma)}, {percent(s.within_2_sigma)}",
+            number(s.log_score, 2),
+            number(s.energy_score_m),
         ]
         for s in summaries
     ]
@@ -109,7 +110,7 @@ def _flight(passes: list[FlightResult]) -> Iterator[str]:
     yield f'<p class="soft">Flight from {begin:.0f} to {end:.0f} s, GNSS latency {first.delay:.3f} s. '
     yield f"{sum(p.proof for p in passes)} GNSS samples passed the door of an estimator in an outage, none of them "
     yield "valid inside it. Autocorrelation of GNSS innovations from one to the next, position and velocity: "
-    yield f"{_number(first.white[0], 2)} and {_number(first.white[1], 2)} (white: below 0.2).</p>"
+    yield f"{number(first.white[0], 2)} and {number(first.white[1], 2)} (white: below 0.2).</p>"
     growth = {method: curves for flight in passes for method, curves in flight.growth.items()}
     if growth:
         yield page.figure(_growth(growth), "Median horizontal error; band: 25 to 75 % of the outages, first method.")
@@ -138,11 +139,3 @@ def _map(flight: FlightResult) -> Plot:
         if math.isfinite(east):
             plot.mark(east, north, "dot")
     return plot
-
-
-def _share(value: float) -> str:
-    return "–" if math.isnan(value) else f"{100.0 * value:.0f} %"
-
-
-def _number(value: float, digits: int = 1) -> str:
-    return f"{value:.{digits}f}" if math.isfinite(value) else "–"
