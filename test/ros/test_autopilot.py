@@ -11,6 +11,7 @@ from nav_msgs.msg import Odometry
 
 from autopilot_consumer import TO_FRD, TO_NED, GpsInput, Mavros, Px4, matrix
 from driver_types import GPSINPUT, VEHICLE_LOCAL_POSITION, VEHICLE_ODOMETRY, make, sent
+from nav_pose_estimator.core.earth.gps_time import week_and_milliseconds
 from nav_pose_estimator.core.numerics.rotation import quat_from_euler
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import ParameterError, update
@@ -22,7 +23,6 @@ from nav_pose_estimator.ros.autopilot import link
 from nav_pose_estimator.ros.autopilot.channels import MavrosGps, MavrosOdometry, Px4Odometry, quality
 from nav_pose_estimator.ros.autopilot.echo import EchoWatch, Finding
 from nav_pose_estimator.ros.autopilot.frames import attitude_frd_to_ned, px4_north_east
-from nav_pose_estimator.ros.autopilot.gps_time import week_and_milliseconds
 from nav_pose_estimator.ros.autopilot.permission import Permission
 from nav_pose_estimator.ros.autopilot.px4_clock import Px4Clock, reference
 

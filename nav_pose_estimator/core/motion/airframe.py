@@ -14,8 +14,8 @@ from nav_pose_estimator.core.motion.vehicle_class import (
     MULTIROTOR,
     UNKNOWN,
     WHEELS,
+    classify,
     is_unlike,
-    tell_class,
 )
 from nav_pose_estimator.core.motion.windows import SECONDS
 
@@ -140,7 +140,7 @@ class Beforehand:
         Where the motion clearly shows a flying class other than the stated one, the motion wins and the airframe is
         dropped. Motion on the ground is no evidence: a fixed wing taxies, and a multirotor is driven to its start.
         """
-        shown = tell_class(epochs)
+        shown = classify(epochs)
         if self.is_class_known and (shown not in FLYING or shown == self.vehicle_class):
             return self
         return Beforehand(shown)

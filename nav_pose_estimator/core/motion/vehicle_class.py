@@ -37,12 +37,12 @@ _USUAL = {MULTIROTOR: 0.48, FIXED_WING: 0.34, WHEELS: 0.12, BOAT: 0.06}
 """Prior probability of each class: most users fly drones."""
 
 
-def tell_class(epochs: Array) -> str:
-    """The class of the vehicle from aided epochs (N, COLUMNS or more), N may be zero; ``UNKNOWN`` where in doubt."""
-    return told_class(class_probabilities(epochs))
+def classify(epochs: Array) -> str:
+    """The class of a vehicle from aided epochs (N, COLUMNS or more), N may be zero; ``UNKNOWN`` where in doubt."""
+    return likely_class(class_probabilities(epochs))
 
 
-def told_class(probability: Mapping[str, float]) -> str:
+def likely_class(probability: Mapping[str, float]) -> str:
     """The class that has almost all of the ``probability``; ``UNKNOWN`` where none has."""
     likely = max(probability, key=lambda name: probability[name])
     return likely if probability[likely] >= _CERTAIN else UNKNOWN

@@ -14,7 +14,7 @@ import numpy as np
 
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.airframe import Beforehand
-from nav_pose_estimator.core.motion.vehicle_class import UNKNOWN, class_probabilities, told_class
+from nav_pose_estimator.core.motion.vehicle_class import UNKNOWN, class_probabilities, likely_class
 from nav_pose_estimator.core.numerics.snapshot import snapshot
 from nav_pose_estimator.engine.outage.airframe_file import load_airframe
 from nav_pose_estimator.engine.outage.epochs import FlightMemory
@@ -96,7 +96,7 @@ class OutageLearner:
         state, known = self.state, self.method.beforehand.vehicle_class
         probability = class_probabilities(state.memory.last(self._parameters.window))
         state.class_figures = {f"learner.class.{name}": p for name, p in probability.items()}
-        shown = told_class(probability)
+        shown = likely_class(probability)
         state.shown_class = shown if UNKNOWN not in (known, shown) and shown != known else ""
 
     def job(self) -> TrainingJob | None:

@@ -47,7 +47,7 @@ def track(result: ReplayResult) -> live.Track:
     for t, enu, style, outage_style, label in paths:
         lines.append((enu[:: max(len(enu) // live.POINTS, 1)], style, label))
         for outage in result.outages:
-            inside = enu[(t >= outage.start) & (t < outage.end)]
+            inside = enu[outage.contains(t)]
             if len(inside):
                 lines.append((inside[:: max(len(inside) // 500, 1)], f"{outage_style} thick", ""))
     step = max(len(estimate) // live.POINTS, 1)
@@ -77,7 +77,7 @@ def coverage(result: ReplayResult) -> dict[str, Array]:
     t, lever = result.fix_times, reference_lever(result.reference, result.parameters)
     inside = np.zeros(len(t), bool)
     for outage in result.outages:
-        inside |= (t >= outage.start) & (t < outage.end)
+        inside |= outage.contains(t)
     t = t[inside]
     errors = displacement_enu(result.track.antenna_at(t, lever), result.reference.at(t))
     ratio = np.abs(errors) / Track(t, result.track.at(t)).sd("position")
@@ -116,5 +116,5 @@ def _inside(result: ReplayResult, t: Array, values: Array) -> tuple[Array, Array
     """``values`` with NaN outside of the outages."""
     chosen = np.zeros(len(t), bool)
     for outage in result.outages:
-        chosen |= (t >= outage.start) & (t < outage.end)
+        chosen |= outage.contains(t)
     return t, np.where(chosen, values, np.nan)

@@ -125,7 +125,7 @@ def _map(result: ReplayResult) -> Plot:
     _thin_line(plot, estimate, "a", "estimate")
     for outage in result.outages:
         for enu, t, style in ((truth, reference.t, "f"), (estimate, track.t, "b")):
-            inside = (t >= outage.start) & (t < outage.end)
+            inside = outage.contains(t)
             _thin_line(plot, enu[inside], f"{style} thick")
     plot.mark(float(estimate[0, 0]), float(estimate[0, 1]), "dot", "start")
     return plot

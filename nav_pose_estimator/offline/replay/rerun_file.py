@@ -59,7 +59,7 @@ def _log_paths(rr: Any, stream: Any, result: ReplayResult) -> None:
     if len(result.reference):
         _log_path(rr, stream, "reference", displacement_enu(result.reference.position, origin), "reference")
     for i, outage in enumerate(result.outages):
-        inside = (result.track.t >= outage.start) & (result.track.t < outage.end)
+        inside = outage.contains(result.track.t)
         _log_path(rr, stream, f"outage_{i}", estimate[inside], "outage")
 
 

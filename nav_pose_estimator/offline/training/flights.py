@@ -12,7 +12,7 @@ from nav_pose_estimator.core.learning.conv_lstm import STEPS
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.airframe import PastFlight
 from nav_pose_estimator.core.motion.prior import MOVES
-from nav_pose_estimator.core.motion.vehicle_class import tell_class
+from nav_pose_estimator.core.motion.vehicle_class import classify
 from nav_pose_estimator.core.motion.windows import CHANNELS, INCREMENTS, increments, window
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.outage.airframe_file import LONGEST_NAME
@@ -66,7 +66,7 @@ class FlightData:
     @property
     def shown_class(self) -> str:
         """Class of the vehicle by its motion; ``UNKNOWN`` if that is ambiguous, as in pure hover."""
-        return tell_class(self.epochs)
+        return classify(self.epochs)
 
 
 class Recorder(OutageMethod):

@@ -8,12 +8,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from nav_pose_estimator.core.earth.gps_time import week_and_milliseconds
 from nav_pose_estimator.core.filter.layout import DPOS, DVEL, PHI
 from nav_pose_estimator.core.numerics.rotation import quat_to_matrix
 from nav_pose_estimator.engine.parameters.ros import RosParameters
 from nav_pose_estimator.engine.solutions import NavSolution
 from nav_pose_estimator.ros.autopilot.frames import FRD_FLU, NED_ENU, attitude_frd_to_ned, px4_north_east
-from nav_pose_estimator.ros.autopilot.gps_time import week_and_milliseconds
 from nav_pose_estimator.ros.autopilot.px4_clock import Px4Clock, Px4Reference
 from nav_pose_estimator.ros.messages.outgoing import fill_odometry, fill_stamp
 
