@@ -6,6 +6,7 @@ Sources: LogStructure.h and Log.cpp of ArduPilot through its versions; https://a
 import numpy as np
 
 from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla
+from nav_pose_estimator.core.numerics.axes import FRD_FLU
 from nav_pose_estimator.core.numerics.rotation import quat_from_euler_many
 from nav_pose_estimator.offline.flights.tracks import Reference, displacement_enu
 from nav_pose_estimator.offline.logs import sensors
@@ -178,7 +179,7 @@ def _antenna(log: LogTables) -> tuple[float, float, float] | None:
         - log.parameters.get(f"INS_POS1_{axis}", 0.0)
         for axis in "XYZ"
     ]
-    return tuple((np.array(values) * sensors.FLU_FROM_FRD).tolist()) if any(values) else None
+    return tuple((np.array(values) * FRD_FLU).tolist()) if any(values) else None
 
 
 def _opinion(log: LogTables, receiver: Gnss | None) -> Reference | None:

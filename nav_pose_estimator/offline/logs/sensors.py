@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nav_pose_estimator.core.numerics.axes import FRD_FLU, Q_FRD_FLU, Q_NED_ENU
 from nav_pose_estimator.core.numerics.rotation import quat_multiply_many, quat_normalize_many
 from nav_pose_estimator.engine.samples import (
     Airspeed,
@@ -21,9 +22,6 @@ from nav_pose_estimator.offline.logs.formats.log_tables import Table, rising
 
 Array = np.ndarray
 GAUSS = 1e-4  # T
-FLU_FROM_FRD = np.array([1.0, -1.0, -1.0])
-_ENU_FROM_NED = np.array([0.0, 0.5**0.5, 0.5**0.5, 0.0])
-_FRD_FROM_FLU = np.array([0.0, 1.0, 0.0, 0.0])
 _LONGEST_DELAY = 1000.0  # ms: largest plausible latency
 FIX, NO_FIX = 0, -1  # sensor_msgs/NavSatStatus
 
@@ -113,13 +111,13 @@ def make_imu(name: str, time_us: Array, gyro_frd: Array, accel_frd: Array, clipp
     """Create an IMU from FRD columns, without rows that are not finite or not newer than the previous ones."""
     good = rising(time_us) & np.isfinite(gyro_frd).all(axis=1) & np.isfinite(accel_frd).all(axis=1)
     count = 0 if clipped is None else int(np.count_nonzero(clipped[good] > 0))
-    return Imu(name, time_us[good], gyro_frd[good] * FLU_FROM_FRD, accel_frd[good] * FLU_FROM_FRD, count)
+    return Imu(name, time_us[good], gyro_frd[good] * FRD_FLU, accel_frd[good] * FRD_FLU, count)
 
 
 def magnetometer(table: Table, field_gauss: Array, time_us: Array | None = None) -> Series | None:
     """Samples of the field in FRD [gauss], without zero vectors; None if there are none."""
     time_us = table.time_us if time_us is None else time_us
-    values = field_gauss * GAUSS * FLU_FROM_FRD
+    values = field_gauss * GAUSS * FRD_FLU
     return _series(table.name, MagSample, time_us, values, np.any(values != 0.0, axis=1))
 
 
@@ -177,7 +175,7 @@ def enu(ned: Array) -> Array:
 def enu_flu_attitude(q_ned_frd: Array) -> Array:
     """Convert quaternions (N, 4), scalar first, of FRD to NED to those of FLU to ENU."""
     q = quat_normalize_many(q_ned_frd)
-    return quat_multiply_many(quat_multiply_many(_ENU_FROM_NED, q), _FRD_FROM_FLU)
+    return quat_multiply_many(quat_multiply_many(Q_NED_ENU, q), Q_FRD_FLU)
 
 
 def fresh(gnss: Gnss) -> tuple[Gnss, int]:
