@@ -65,7 +65,12 @@ def class_probabilities(epochs: Array) -> dict[str, float]:
 
 
 def _log_likelihoods(epochs: Array) -> dict[str, Array]:
-    """Log likelihood (N,) of each epoch, by class."""
+    """Log likelihood (N,) of each epoch, by class.
+
+    Means and deviations are of velocity [m/s] and specific force [m/s^2] in b, climb [m/s] and the upward direction in
+    b; they were set by hand on recorded flights. A multirotor's force along x and y is its drag, 0.25 1/s times the
+    velocity.
+    """
     vx, vy, vz = epochs[:, BODY_VELOCITY:VELOCITY].T
     fx, fy, climb = epochs[:, FORCE], epochs[:, FORCE + 1], epochs[:, VELOCITY + 2]
     ux, uy, _ = attitude(epochs)[:, 2].T

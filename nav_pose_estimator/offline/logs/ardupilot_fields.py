@@ -5,6 +5,7 @@ Sources: LogStructure.h and Log.cpp of ArduPilot through its versions; https://a
 
 import numpy as np
 
+from nav_pose_estimator.core.alignment.types import VERTICAL_SHARE
 from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla
 from nav_pose_estimator.core.numerics.axes import FRD_FLU
 from nav_pose_estimator.core.numerics.rotation import quat_from_euler_many
@@ -17,7 +18,6 @@ from nav_pose_estimator.offline.logs.sensors import Array, Gnss, Imu, LogSensors
 
 RANGE_ERROR = 2.0
 """Standard deviation of a pseudorange [m]; that of the position is its product with the DOP. For logs without GPA."""
-VERTICAL_SHARE = 1.7  # ratio of VDOP to HDOP, where only the latter is logged
 _FIX_3D = 3  # GPS.Status
 _UNDEFINED_HDOP = 90.0  # receivers send 99.99 for unknown
 _ARMED, _DISARMED = 10, 11  # EV.Id

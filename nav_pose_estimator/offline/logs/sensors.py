@@ -23,6 +23,9 @@ from nav_pose_estimator.offline.logs.formats.log_tables import Table, rising
 Array = np.ndarray
 GAUSS = 1e-4  # T
 _LONGEST_DELAY = 1000.0  # ms: largest plausible latency
+_LARGEST_HPA = 2000.0  # smaller pressures are in hPa
+_PRESSURES = 1000.0, 120_000.0  # Pa: smallest and largest pressure of a working sensor
+_EARLY = 0.7  # intervals: an equal message that comes sooner is a repetition, where its own time is not known
 FIX, NO_FIX = 0, -1  # sensor_msgs/NavSatStatus
 
 
@@ -124,8 +127,10 @@ def magnetometer(table: Table, field_gauss: Array, time_us: Array | None = None)
 def barometer(table: Table, pressure: Array, time_us: Array | None = None) -> Series | None:
     """Samples of the static pressure in Pa, or in hPa as from older PX4."""
     time_us = table.time_us if time_us is None else time_us
-    pascal = np.where(pressure < 2000.0, pressure * 100.0, pressure)
-    return _series(table.name, PressureSample, time_us, pascal[:, None], (pascal > 1000.0) & (pascal < 120_000.0))
+    pascal = np.where(pressure < _LARGEST_HPA, pressure * 100.0, pressure)
+    return _series(
+        table.name, PressureSample, time_us, pascal[:, None], (pascal > _PRESSURES[0]) & (pascal < _PRESSURES[1])
+    )
 
 
 def airspeed(table: Table, true_airspeed: Array, good: Array) -> Series | None:
@@ -186,7 +191,7 @@ def fresh(gnss: Gnss) -> tuple[Gnss, int]:
         content = np.column_stack([gnss.position, np.nan_to_num(gnss.velocity)])
         alike = (content[1:] == content[:-1]).all(axis=1) & gnss.has_fix[1:] & gnss.has_fix[:-1]
         timed = known[1:] & known[:-1]
-        early = np.diff(gnss.time_us) < 0.7 * np.median(np.diff(gnss.time_us))
+        early = np.diff(gnss.time_us) < _EARLY * np.median(np.diff(gnss.time_us))
         same[1:] = alike & np.where(timed, gnss.utc_us[1:] == gnss.utc_us[:-1], early)
     keep = ~same & rising(gnss.time_us)
     parts = {name: getattr(gnss, name)[keep] for name in PER_MESSAGE}
