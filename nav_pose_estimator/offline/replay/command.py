@@ -62,9 +62,8 @@ def run(arguments: argparse.Namespace) -> int:
         from nav_pose_estimator.offline.logs import open_recording  # noqa: F401  for ``_Plan``
         from nav_pose_estimator.offline.output_folder import OutputFolder
         from nav_pose_estimator.offline.replay import replay, report, rerun_file, solution_bag  # noqa: F401  for ``_replay``
-        from nav_pose_estimator.offline.replay.aid_option import with_aids
         from nav_pose_estimator.offline.replay.files import REPORT
-        from nav_pose_estimator.offline.replay.origin_option import with_origin
+        from nav_pose_estimator.offline.replay.parameter_options import with_aids, with_origin
         from nav_pose_estimator.offline.sidecar import flight_name
 
     if not 0.0 < arguments.rate <= 1000.0:

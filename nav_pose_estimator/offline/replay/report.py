@@ -18,7 +18,6 @@ from nav_pose_estimator.offline.page.svg import Plot
 from nav_pose_estimator.offline.replay import outage_figures, second_opinion
 from nav_pose_estimator.offline.replay.replay import ReplayResult, reference_lever
 
-_STYLES = ("a", "b", "c")
 _MODE_STYLE = {
     Mode.AIDED: "mode-good",
     Mode.COASTING: "mode-mid",
@@ -186,7 +185,7 @@ def _outside(result: ReplayResult, times: np.ndarray, values: np.ndarray) -> np.
 
 def _three(plot: Plot, t: np.ndarray, values: np.ndarray, names: tuple[str, ...]) -> None:
     for i, name in enumerate(names):
-        plot.line(t, values[:, i], _STYLES[i], name)
+        plot.line(t, values[:, i], page.LINES[i], name)
 
 
 def _attitude(result: ReplayResult) -> Plot:
@@ -214,7 +213,7 @@ def _biases(result: ReplayResult) -> Iterator[Plot]:
         plot = _plot(result, unit)
         values, spread = (factor * rows for rows in history.of(sensor))
         for i in range(3):
-            plot.band(history.t, values[:, i] - spread[:, i], values[:, i] + spread[:, i], _STYLES[i])
+            plot.band(history.t, values[:, i] - spread[:, i], values[:, i] + spread[:, i], page.LINES[i])
         _three(plot, history.t, values, ("x forward", "y left", "z up"))
         yield plot
 

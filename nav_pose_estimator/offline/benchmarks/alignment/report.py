@@ -31,7 +31,6 @@ HEADER = [
     "R / R0",
 ]
 GOAL_HEADER = ["case", "receiver", "goal of innovation_adaptive", "value", "limits", ""]
-_STYLES = ("a", "b", "c", "d", "e", "f")
 _LEAST = 1e-3  # deg, of a logarithmic plot
 
 
@@ -95,7 +94,7 @@ def _plot(trials: list[Trial]) -> Plot:
     plot = Plot("s", "heading error, deg", log=True)
     end = max(t.t[-1] for t in trials if t.t)
     seconds = np.arange(1.0, end)
-    for style, method in zip(_STYLES, dict.fromkeys(t.method for t in trials), strict=False):
+    for style, method in zip(page.LINES, dict.fromkeys(t.method for t in trials), strict=False):
         curves = [
             np.interp(seconds, t.t, np.abs(t.heading_deg), left=180.0) for t in trials if t.method == method and t.t
         ]

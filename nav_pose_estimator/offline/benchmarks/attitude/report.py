@@ -10,7 +10,6 @@ from nav_pose_estimator.offline.benchmarks.tables import markdown, percent
 from nav_pose_estimator.offline.page import page
 from nav_pose_estimator.offline.page.svg import Plot
 
-_STYLES = ("a", "b", "c", "d", "e", "f", "a dash", "b dash", "c dash")
 HEADER = ["method", "inclination", "heading", "total", "tilt in 95 %", "heading in 95 %", "us/sample"]
 
 
@@ -68,7 +67,7 @@ def _body(rows: list[Row], means: list[Row], advance: float) -> Iterator[str]:
 
 def _plot(rows: list[Row], name: str, label: str) -> Plot:
     plot = Plot("trial", label, log=True, height=280)
-    for style, method in zip(_STYLES, dict.fromkeys(row.method for row in rows), strict=False):
+    for style, method in zip(page.LINES, dict.fromkeys(row.method for row in rows), strict=False):
         values = [getattr(row, name) for row in rows if row.method == method]
         plot.line(np.arange(1, len(values) + 1), np.array(values), style, method)
     return plot

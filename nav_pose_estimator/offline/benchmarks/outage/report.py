@@ -15,7 +15,6 @@ from nav_pose_estimator.offline.flights.methods import classical
 from nav_pose_estimator.offline.page import page
 from nav_pose_estimator.offline.page.svg import Plot
 
-_STYLES = ("a", "b", "c", "d", "e", "f", "a dash", "b dash", "c dash")
 HEADER = [
     "method",
     "n",
@@ -92,7 +91,7 @@ def _reliability(rows: list[Row]) -> Iterator[str]:
     """Reliability of each method with a sigma over all outages: stated probability and observed frequency."""
     plot = Plot("stated probability", "share of outages", height=320, y_range=(0.0, 1.0))
     plot.line(np.array([0.0, 1.0]), np.array([0.0, 1.0]), "f dash")
-    styles, drawn = iter(_STYLES), False
+    styles, drawn = iter(page.LINES), False
     for method in dict.fromkeys(row.method for row in rows):
         pairs = np.array([(row.end_error_m, row.end_sigma_m) for row in rows if row.method == method])
         pairs = pairs[pairs[:, 1] > 0.0]
@@ -120,13 +119,13 @@ def _flight(passes: list[FlightResult]) -> Iterator[str]:
 
 def _growth(growth: dict[str, np.ndarray]) -> Plot:
     plot = Plot("s since GNSS was lost", "horizontal error, m", height=320, log=True)
-    for (method, curves), style in zip(growth.items(), _STYLES, strict=False):
+    for (method, curves), style in zip(growth.items(), page.LINES, strict=False):
         seen = np.isfinite(curves).sum(axis=0) >= max(1, len(curves) // 4)
         if not seen.any():
             continue
         t = np.arange(curves.shape[1])[seen] * GRID
         low, middle, high = np.nanpercentile(curves[:, seen], [25, 50, 75], axis=0)
-        if style == _STYLES[0]:
+        if style == page.LINES[0]:
             plot.band(t, low, high, style)
         plot.line(t, middle, style, method)
     return plot
