@@ -93,7 +93,7 @@ class Barometer(Aid):
             was = self._frozen.verdict
             self._frozen.note(t, height)
             if self._frozen.verdict != was:
-                self._tell_frozen(sample, was == FROZEN)
+                self._report_frozen(sample, was == FROZEN)
         if not self._enabled or self._frozen.verdict or not self._pacer.passes(t, self._period):
             return None
         if not is_valid:
@@ -149,7 +149,7 @@ class Barometer(Aid):
         self._offset, self._since, self.offset_variance = offset, -self._tau, variance
         self.least_sd = least_sd
 
-    def _tell_frozen(self, sample: PressureSample, was_frozen: bool) -> None:
+    def _report_frozen(self, sample: PressureSample, was_frozen: bool) -> None:
         """Events of the begin and end of a frozen barometer: it repeats a value for longer than ever before."""
         is_frozen = self._frozen.verdict == FROZEN
         if is_frozen and not was_frozen:
