@@ -34,6 +34,7 @@ from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample, SatelliteCount
 from nav_pose_estimator.engine.solutions import AttitudeBlock, NavBlock, Output
 from nav_pose_estimator.offline.bags.reader import read_samples
+from nav_pose_estimator.offline.sidecar import sidecar_path
 from nav_pose_estimator.sim.scenarios import generate
 
 SCENARIOS = ("road_vehicle_wheels", "road_vehicle", "multirotor_light", "fixed_wing")
@@ -118,7 +119,7 @@ def logged_attitude(bag: Path) -> tuple[np.ndarray, np.ndarray]:
 def recorded(bags: list[Path], aided: float) -> None:
     """Run each flight for ``aided`` [s] with GNSS, and the rest without."""
     for bag in bags:
-        about = bag.with_name(bag.name.removesuffix("_bag") + ".json")
+        about = sidecar_path(bag)
         known = json.loads(about.read_text()) if about.exists() else {}
         stamps, reference = logged_attitude(bag)
         offset = int(known.get("bag", {}).get("stamp_offset_s", 0)) * 1_000_000_000

@@ -66,7 +66,7 @@ def test_without_a_command_the_help_is_wrong_use(capsys):
 
 def test_an_unknown_command_is_named_with_the_nearest(capsys):
     assert main(["reply"]) == 2
-    assert capsys.readouterr().err == "nav_pose_estimator: there is no command 'reply'; did you mean replay?\n"
+    assert capsys.readouterr().err == "nav_pose_estimator: there is no command 'reply'; did you mean 'replay'?\n"
 
 
 def test_an_unknown_option_is_one_sentence(fake, capsys):

@@ -82,7 +82,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "nodes": {"core", "engine.*", "sim.*", "ros", "ros.autopilot", "ros.continuation", "ros.messages"},
 }  # fmt: skip
 MUTUAL = {("sim", "sim.vehicles"), ("offline", "offline.bags"), ("ros", "ros.load")}
-"""Rooms that may need each other: the simulator is told as one story; the command line and helpers are everybody's;
+"""Rooms that may need each other: the simulator is one whole; the command line and helpers are everybody's;
 what arrives at a node is half of the node."""
 LARGEST_ROOM, LARGEST_CLASS = 15, 15
 ROS_LIBRARIES = re.compile(r"^(rclpy|ament_index_python|\w+_msgs|rcl_interfaces|builtin_interfaces|std_srvs)(\.|$)")

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.whole_file import replacing
 
 _LARGEST = 16 * 2**20  # bytes, packed and unpacked: larger than any valid file, so that a wrong one cannot fill memory
 
@@ -52,18 +53,15 @@ def save(path: str | Path, kind: Kind, arrays: Mapping[str, np.ndarray], durable
     np.savez(buffer, **named)  # without allow_pickle=False, which NumPy 1 would save as one more array
     body = buffer.getvalue()
     header = kind.magic + f"{kind.version}\n{hashlib.sha256(body).hexdigest()}\n".encode()
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        with temporary.open("wb") as file:
+        with replacing(path) as unfinished, unfinished.open("wb") as file:
             file.write(header + body)
             file.flush()
             if durable:
                 os.fsync(file.fileno())
-        os.replace(temporary, path)
         if durable:
             _sync_directory(path.parent)
     except OSError as error:
-        temporary.unlink(missing_ok=True)
         raise UserError(f"cannot write the {kind.word} {path}: {error.strerror}") from None
 
 

@@ -4,7 +4,7 @@
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -42,6 +42,11 @@ class ImuBlock:
     def part(self, begin: int, end: int | None) -> "ImuBlock":
         """The samples ``begin`` to ``end`` (None: to the last one), as views."""
         return ImuBlock(self.stamps_ns[begin:end], self.gyro[begin:end], self.accel[begin:end])
+
+    def samples(self) -> Iterator[ImuSample]:
+        """The samples one by one."""
+        rows = zip(self.stamps_ns.tolist(), self.gyro.tolist(), self.accel.tolist(), strict=True)
+        return (ImuSample(stamp, tuple(gyro), tuple(accel)) for stamp, gyro, accel in rows)
 
 
 def joined(parts: Sequence[ImuSample | ImuBlock]) -> ImuBlock:

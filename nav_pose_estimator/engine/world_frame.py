@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from nav_pose_estimator.core.numerics.axes import FRD_FLU
+
 _HALF = np.sqrt(0.5)
 
 
@@ -22,4 +24,4 @@ def attitude_in(world_frame: str, q_nb: np.ndarray, cov_n: np.ndarray) -> tuple[
 
 def vector_in(world_frame: str, body: np.ndarray) -> np.ndarray:
     """A body vector in FLU for ``world_frame`` enu, in FRD for ned."""
-    return body if world_frame == "enu" else body * np.array([1.0, -1.0, -1.0])
+    return body if world_frame == "enu" else body * FRD_FLU

@@ -6,7 +6,6 @@ a module with ``main(arguments)``, which receives the ROS arguments unchanged.
 """
 
 import argparse
-import difflib
 import os
 import shutil
 import sys
@@ -21,7 +20,7 @@ from io import TextIOWrapper
 from typing import NoReturn
 
 from nav_pose_estimator import __version__
-from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.errors import UserError, described, unknown
 from nav_pose_estimator.offline.ending_signals import interruptible
 from nav_pose_estimator.offline.terminal import printable
 
@@ -148,11 +147,7 @@ def _without_command(given: list[str]) -> int:
     if name is None:
         parser.print_help(sys.stderr)
         return WRONG_USE
-    close = difflib.get_close_matches(name, COMMANDS, n=1)
-    raise UserError(
-        f"there is no command {name!r}; "
-        + (f"did you mean {close[0]}?" if close else f"choose from {', '.join(COMMANDS)}")
-    )
+    raise UserError(unknown("command", name, COMMANDS))
 
 
 def _command_list() -> str:
@@ -239,7 +234,7 @@ def _describe(error: Exception) -> str:
             f"the Python package {error.name} is not installed for {sys.executable}, see requirements.txt; "
             "'make demo' and 'make setup' install it for .venv/bin/python"
         )
-    return f"failed: {type(error).__name__}: {' '.join(str(error).split())}"
+    return f"failed: {described(error)}"
 
 
 def _complain(name: str, text: str, code: int) -> int:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.errors import UserError, described
 
 
 @contextmanager
@@ -24,5 +24,4 @@ def reading(path: Path) -> Iterator[None]:
             f"{path} needs more memory than is available: it is damaged, or too long for this machine"
         ) from error
     except Exception as error:
-        what = f"{type(error).__name__}: {error}"
-        raise UserError(f"{path} is damaged or in an unsupported format ({what})") from error
+        raise UserError(f"{path} is damaged or in an unsupported format ({described(error)})") from error

@@ -1,9 +1,9 @@
 """A single file that a command is asked to write."""
 
-import os
 from pathlib import Path
 
 from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.whole_file import replacing
 
 
 def check_new(path: Path, force: bool) -> None:
@@ -18,11 +18,8 @@ def check_new(path: Path, force: bool) -> None:
 
 def write_whole(path: Path, text: str) -> None:
     """Write ``text`` atomically. ``UserError`` where that fails, with an earlier file unchanged."""
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        unfinished.write_text(text, encoding="utf-8")
-        os.replace(unfinished, path)
+        with replacing(path) as unfinished:
+            unfinished.write_text(text, encoding="utf-8")
     except OSError as error:
         raise UserError(f"{path} cannot be written: {error.strerror}; nothing was changed") from None
-    finally:
-        unfinished.unlink(missing_ok=True)

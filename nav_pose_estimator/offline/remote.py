@@ -11,6 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.sidecar import flight_name
 
 _URL = re.compile(r"([a-z][a-z0-9+.-]+):/+(?=[^/])")  # a ``Path`` keeps only one of the slashes; C:/ is a drive
 
@@ -49,7 +50,7 @@ def _copy(path: Path, here: Path) -> None:
                     store.get_file(entry["name"], str(here / PurePosixPath(entry["name"]).name))
         else:
             store.get_file(place, str(here))
-        beside = f"{here.stem.removesuffix('_bag')}.json"
+        beside = f"{flight_name(here)}.json"
         if store.exists(known := f"{place.rstrip('/').rpartition('/')[0]}/{beside}"):
             store.get_file(known, str(here.with_name(beside)))
 

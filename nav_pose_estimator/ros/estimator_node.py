@@ -11,6 +11,7 @@ from nav_pose_estimator.engine import first_run
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import stamp_of
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Event, Level, Mode, NavSolution, Status
+from nav_pose_estimator.errors import described
 from nav_pose_estimator.ros import services, wording
 from nav_pose_estimator.ros.diagnostics import Diagnostics
 from nav_pose_estimator.ros.load.intake import Intake
@@ -152,5 +153,5 @@ class EstimatorNode(Node):
         """Count and log an exception in the processing of a message or a call."""
         if not self.context.ok():
             return  # shutting down: publishers are gone
-        text = f"{where}: {type(error).__name__}: {' '.join(str(error).split())}; the message is not used"
+        text = f"{where}: {described(error)}; the message is not used"
         self.say(f"callback.failed.{where}", Level.ERROR, text)

@@ -13,7 +13,7 @@ from nav_pose_estimator.engine.outage.model_file import load_arrays, save_arrays
 from nav_pose_estimator.engine.parameters.ros import ModelParameters
 from nav_pose_estimator.engine.parameters.schema import ParameterError
 from nav_pose_estimator.engine.solutions import Level
-from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.errors import UserError, described
 from nav_pose_estimator.ros.training import Outcome, Trainer
 
 _PERIOD = 0.5  # s between two polls of the training process
@@ -64,7 +64,7 @@ class ModelKeeper:
                 self._take(outcome)
             self._note_scores()
         except Exception as error:
-            self._say("outage.training_failed", Level.ERROR, f"training: {_describe(error)}")
+            self._say("outage.training_failed", Level.ERROR, f"training: {described(error)}")
 
     def attempt(self, action: Callable[[], str]) -> tuple[bool, str]:
         """Run ``action``: whether it succeeded, and a sentence for the user."""
@@ -73,7 +73,7 @@ class ModelKeeper:
         except UserError as error:
             text = str(error)
         except Exception as error:
-            text = f"failed: {_describe(error)}"
+            text = f"failed: {described(error)}"
         self._say("outage.request_failed", Level.WARN, text)
         return False, text
 
@@ -132,7 +132,3 @@ def _check_folder(file: str) -> None:
     folder = Path(file).absolute().parent
     if file and not folder.is_dir():
         raise ParameterError(f"ros.model.file: the folder {folder} does not exist")
-
-
-def _describe(error: Exception) -> str:
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"

@@ -55,7 +55,7 @@ class AttitudeOutput:
     def publish(self, solution: AttitudeSolution) -> None:
         """Publish ``solution`` if it is due."""
         variances = self._variances.at(solution.stamp_ns)
-        if self._pace.is_due(solution.stamp_ns) and qos.is_heard(self._publisher):
+        if self._pace.is_due(solution.stamp_ns) and qos.has_subscriber(self._publisher):
             outgoing.fill_imu(self._message, solution, self._world_frame, variances)
             self._publisher.publish(self._message)
 
@@ -91,15 +91,15 @@ class NavigationOutput:
         self._publish_denied(solution.mode in DENIED)
         self._twist.take(solution)
         if self._odometry_pace.is_due(stamp):
-            if qos.is_heard(self._odometry):
+            if qos.has_subscriber(self._odometry):
                 outgoing.fill_odometry(self._odometry_message, solution, self._twist.offset)
                 self._odometry.publish(self._odometry_message)
-            if qos.is_heard(self._pose):
+            if qos.has_subscriber(self._pose):
                 outgoing.fill_pose(self._pose_message, solution)
                 self._pose.publish(self._pose_message)
             if self._tf is not None:
                 self._tf.publish(solution)
-        if self._fix_pace.is_due(stamp) and qos.is_heard(self._fix):
+        if self._fix_pace.is_due(stamp) and qos.has_subscriber(self._fix):
             outgoing.fill_fix(self._fix_message, solution)
             self._fix.publish(self._fix_message)
         if self._bias_pace.is_due(stamp):

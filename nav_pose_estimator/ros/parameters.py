@@ -45,13 +45,13 @@ def unaddressed(arguments: Sequence[str], node: str) -> list[str]:
 
     ROS ignores such a file without a word, and the node runs with defaults.
     """
-    told = []
+    notes = []
     for option, path in pairwise(arguments):
         if option == "--params-file":
             sections = list(_sections(_content(path)))
             if sections and not any(_fits(section, node) for section in sections):
-                told.append(f"{path} sets nothing for {node}: it is for {', '.join(sections)}")
-    return told
+                notes.append(f"{path} sets nothing for {node}: it is for {', '.join(sections)}")
+    return notes
 
 
 def _content(path: str) -> Any:

@@ -78,7 +78,7 @@ def advertise(node: Node, kind: Any, topic: str, profile: QoSProfile | None = No
     )
 
 
-def is_heard(publisher: Any) -> bool:
+def has_subscriber(publisher: Any) -> bool:
     """Whether there is a subscriber: a query of 3 microseconds, against 60 to fill and publish a message in vain."""
     return publisher.get_subscription_count() > 0
 

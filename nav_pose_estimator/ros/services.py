@@ -82,10 +82,10 @@ def _known_origin(node: Any, service: str) -> tuple[float, float, float]:
 def _decide(node: Any, accept: bool) -> str:
     outputs = node.engine.feed(ReturnDecision(node.newest_ns, accept))
     node.deliver(outputs)
-    said = [output for output in outputs if isinstance(output, Event) and output.name.startswith("gnss.return.")]
-    if not said or said[-1].name == "gnss.return.none":
-        raise ValueError(said[-1].text if said else "the navigator is not running")
-    return said[-1].text
+    events = [output for output in outputs if isinstance(output, Event) and output.name.startswith("gnss.return.")]
+    if not events or events[-1].name == "gnss.return.none":
+        raise ValueError(events[-1].text if events else "the navigator is not running")
+    return events[-1].text
 
 
 def _serve(

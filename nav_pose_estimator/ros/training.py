@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any
 
+from nav_pose_estimator.errors import described
+
 _TIME_LIMIT = 600.0  # s after which a training is aborted
 _NICE = 10  # niceness of the process
 
@@ -94,6 +96,6 @@ def _work(job: Any, connection: Connection) -> None:
     try:
         outcome = Outcome(result=job.run())
     except Exception as error:
-        outcome = Outcome(failure=f"{type(error).__name__}: {' '.join(str(error).split())}")
+        outcome = Outcome(failure=described(error))
     connection.send(outcome)
     connection.close()

@@ -5,14 +5,15 @@ for the ICM-42688-P, BMI088 and MPU-6000, about twice those of the data sheets. 
 limits, taken as two standard deviations.
 """
 
-import difflib
+import math
 from dataclasses import dataclass, replace
 
-from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.core.numerics.units import STANDARD_GRAVITY
+from nav_pose_estimator.errors import UserError, unknown
 
-DEG = 0.017453292519943295  # rad
+DEG = math.radians(1.0)
 DEG_PER_HOUR = DEG / 3600.0  # rad/s
-MG = 9.80665e-3  # m/s^2
+MG = 1e-3 * STANDARD_GRAVITY  # m/s^2
 
 
 @dataclass(frozen=True)
@@ -131,7 +132,5 @@ def imu_grade(name: str | ImuGrade) -> ImuGrade:
     if isinstance(name, ImuGrade):
         return name
     if name not in IMU_GRADES:
-        close = difflib.get_close_matches(name, IMU_GRADES, n=1)
-        hint = f"did you mean {close[0]!r}?" if close else f"there are {', '.join(IMU_GRADES)}"
-        raise UserError(f"there is no IMU grade {name!r}; {hint}")
+        raise UserError(unknown("IMU grade", name, IMU_GRADES))
     return IMU_GRADES[name]

@@ -45,13 +45,7 @@ class Recording:
 
     def arrivals(self) -> list[Timed]:
         """All samples, one by one, in order of their times of arrival."""
-        imu = [
-            Timed(arrival, sample)
-            for arrival, sample in zip(
-                self.imu_arrivals_ns.tolist(), self._imu_samples(0, len(self.imu), False), strict=True
-            )
-        ]
-        return sorted(imu + self.others, key=lambda timed: timed.arrival_ns)
+        return sorted(self._imu_arrivals() + self.others, key=lambda timed: timed.arrival_ns)
 
     def with_faults(self, *faults: Fault) -> "Recording":
         """The same recording with failing sensors, and the same true motion."""
@@ -61,8 +55,7 @@ class Recording:
             recording = replace(recording, others=apply(self.others, others, self.start_ns))
         imu = tuple(fault for fault in faults if fault.sensor is ImuSample)
         if imu:
-            single = zip(self.imu_arrivals_ns.tolist(), self._imu_samples(0, len(self.imu), False), strict=True)
-            stream = apply([Timed(*pair) for pair in single], imu, self.start_ns)
+            stream = apply(self._imu_arrivals(), imu, self.start_ns)
             left: list[Any] = [timed.sample for timed in stream]
             block = ImuBlock(
                 np.array([sample.stamp_ns for sample in left], dtype=np.int64),
@@ -83,13 +76,11 @@ class Recording:
         lat, lon, alt = np.moveaxis(position, -1, 0)
         return lla_to_enu(lat, lon, alt, *self.origin) - lla_to_enu(true_lat, true_lon, true_alt, *self.origin)
 
+    def _imu_arrivals(self) -> list[Timed]:
+        return [Timed(*pair) for pair in zip(self.imu_arrivals_ns.tolist(), self.imu.samples(), strict=True)]
+
     def _imu_samples(self, first: int, last: int, blocks: bool) -> Iterator[Sample]:
         if last <= first:
             return
         block = self.imu.part(first, last)
-        if blocks:
-            yield block
-            return
-        rows = zip(block.stamps_ns.tolist(), block.gyro.tolist(), block.accel.tolist(), strict=True)
-        for stamp, gyro, accel in rows:
-            yield ImuSample(stamp, tuple(gyro), tuple(accel))
+        yield from [block] if blocks else block.samples()

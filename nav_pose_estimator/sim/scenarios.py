@@ -1,20 +1,22 @@
 """Named scenarios: a vehicle on a mission, the wind, its sensors and their faults."""
 
-import difflib
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
 
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity
-from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.errors import UserError, unknown
 from nav_pose_estimator.sim import beam_faults, sensors
 from nav_pose_estimator.sim.doppler import Doppler, cone, doppler
 from nav_pose_estimator.sim.faults import Fault, Shift
 from nav_pose_estimator.sim.imu_grades import ImuGrade, imu_grade
 from nav_pose_estimator.sim.noise import stream
 from nav_pose_estimator.sim.recording import Recording
-from nav_pose_estimator.sim.sensors import Barometer, DepthGauge, Gnss, Magnetometer, Pitot, Rangefinder, Wheels
-from nav_pose_estimator.sim.trajectories import Origin, sample_times
+from nav_pose_estimator.sim.sensors import Barometer, DepthGauge, Gnss, Magnetometer, Pitot, Rangefinder, Timed, Wheels
+from nav_pose_estimator.sim.trajectories import Origin, Truth, sample_times
 from nav_pose_estimator.sim.vehicles import motions
 from nav_pose_estimator.sim.vehicles.lanes import Survey
 from nav_pose_estimator.sim.vehicles.missions import Mission
@@ -272,10 +274,21 @@ def find_scenario(name: str | Scenario) -> Scenario:
     if isinstance(name, Scenario):
         return name
     if name not in SCENARIOS:
-        close = difflib.get_close_matches(name, SCENARIOS, n=1, cutoff=0.4)
-        hint = f"did you mean {close[0]!r}?" if close else f"there are {', '.join(SCENARIOS)}"
-        raise UserError(f"there is no scenario {name!r}; {hint}")
+        raise UserError(unknown("scenario", name, SCENARIOS))
     return SCENARIOS[name]
+
+
+_SENSORS: dict[str, Callable[[Truth, Any, np.random.Generator, int], list[Timed]]] = {
+    "gnss": sensors.gnss,
+    "magnetometer": sensors.magnetometer,
+    "barometer": sensors.barometer,
+    "depth_gauge": sensors.depth_gauge,
+    "airspeed": sensors.airspeed,
+    "ground_range": sensors.ground_range,
+    "wheels": sensors.wheels,
+    "doppler": doppler,
+}
+"""Simulation of each sensor, by the name of its model in ``Scenario`` and of its random numbers."""
 
 
 def generate(
@@ -297,20 +310,11 @@ def generate(
         raise UserError(f"seed {seed} is negative; give 0 or more")
     truth = scenario.vehicle.move(sample_times(duration, rate), scenario.origin, scenario.wind, seed)
     imu_data = sensors.imu(truth, grade, stream(seed, "imu"), START_NS)
-    others = []
-    for name, model in (
-        ("gnss", scenario.gnss),
-        ("magnetometer", scenario.magnetometer),
-        ("barometer", scenario.barometer),
-        ("depth_gauge", scenario.depth_gauge),
-        ("airspeed", scenario.airspeed),
-        ("ground_range", scenario.ground_range),
-        ("wheels", scenario.wheels),
-    ):
+    others: list[Timed] = []
+    for name, simulate in _SENSORS.items():
+        model = getattr(scenario, name)
         if model is not None:
-            others += getattr(sensors, name)(truth, model, stream(seed, name), START_NS)
-    if scenario.doppler is not None:
-        others += doppler(truth, scenario.doppler, stream(seed, "doppler"), START_NS)
+            others += simulate(truth, model, stream(seed, name), START_NS)
     others.sort(key=lambda timed: timed.arrival_ns)
     block = imu_data.block
     recording = Recording(

@@ -3,8 +3,9 @@
 Each sensor has a function and an independent random generator.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -183,9 +184,7 @@ def magnetometer(truth: Truth, model: Magnetometer, rng: np.random.Generator, st
     c, s = np.cos(turn), np.sin(turn)
     matrix = matrix @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     body = body @ matrix.T + hard + model.noise * rng.standard_normal(body.shape)
-    stamps, arrivals = to_ns(t, start_ns).tolist(), to_ns(t + model.transport, start_ns).tolist()
-    rows = zip(arrivals, stamps, body.tolist(), strict=True)
-    return [Timed(arrival, MagSample(stamp, tuple(values))) for arrival, stamp, values in rows]
+    return _timed(t, model.transport, start_ns, body, lambda stamp, value: MagSample(stamp, tuple(value)))
 
 
 @dataclass(frozen=True)
@@ -209,10 +208,8 @@ def barometer(truth: Truth, model: Barometer, rng: np.random.Generator, start_ns
     pressure += model.noise * rng.standard_normal(len(t))
     if model.resolution > 0.0:
         pressure = np.round(pressure / model.resolution) * model.resolution
-    stamps, arrivals = to_ns(t, start_ns).tolist(), to_ns(t + model.transport, start_ns).tolist()
     variance = model.noise**2 if model.variance else None
-    rows = zip(arrivals, stamps, pressure.tolist(), strict=True)
-    return [Timed(arrival, PressureSample(stamp, value, variance)) for arrival, stamp, value in rows]
+    return _timed(t, model.transport, start_ns, pressure, lambda stamp, value: PressureSample(stamp, value, variance))
 
 
 @dataclass(frozen=True)
@@ -235,9 +232,7 @@ def depth_gauge(truth: Truth, model: DepthGauge, rng: np.random.Generator, start
     pressure += model.offset_sd * rng.standard_normal()
     pressure += np.cumsum(rng.standard_normal(len(t)) * model.drift / np.sqrt(model.rate))
     pressure += model.noise * rng.standard_normal(len(t))
-    stamps, arrivals = to_ns(t, start_ns).tolist(), to_ns(t + model.transport, start_ns).tolist()
-    rows = zip(arrivals, stamps, pressure.tolist(), strict=True)
-    return [Timed(arrival, PressureSample(stamp, value)) for arrival, stamp, value in rows]
+    return _timed(t, model.transport, start_ns, pressure, PressureSample)
 
 
 @dataclass(frozen=True)
@@ -257,9 +252,7 @@ def airspeed(truth: Truth, model: Pitot, rng: np.random.Generator, start_ns: int
     flow = quat_rotate_many(quat_conjugate_many(at.q_nb), at.v_n - at.wind_n)[:, 0]
     measured = np.maximum(flow, 0.0) * (1.0 + model.scale_sd * rng.standard_normal())
     measured = measured + model.noise * rng.standard_normal(len(t))
-    stamps, arrivals = to_ns(t, start_ns).tolist(), to_ns(t + model.transport, start_ns).tolist()
-    rows = zip(arrivals, stamps, measured.tolist(), strict=True)
-    return [Timed(arrival, Airspeed(stamp, value)) for arrival, stamp, value in rows]
+    return _timed(t, model.transport, start_ns, measured, Airspeed)
 
 
 @dataclass(frozen=True)
@@ -281,9 +274,7 @@ def ground_range(truth: Truth, model: Rangefinder, rng: np.random.Generator, sta
     height = at.alt - truth.alt[0] + 0.2 + model.roughness * rng.standard_normal(len(t))
     distance = height / np.maximum(down, 0.1) + model.noise * rng.standard_normal(len(t))
     seen = (distance > 0.05) & (distance < model.farthest) & (down > 0.5)
-    stamps, arrivals = to_ns(t, start_ns), to_ns(t + model.transport, start_ns)
-    rows = zip(arrivals[seen].tolist(), stamps[seen].tolist(), distance[seen].tolist(), strict=True)
-    return [Timed(arrival, RangeToGround(stamp, value)) for arrival, stamp, value in rows]
+    return _timed(t[seen], model.transport, start_ns, distance[seen], RangeToGround)
 
 
 @dataclass(frozen=True)
@@ -305,14 +296,21 @@ def wheels(truth: Truth, model: Wheels, rng: np.random.Generator, start_ns: int)
     )
     speed = speed + model.noise * rng.standard_normal(len(t))
     cov = np.diag([model.noise**2, 0.1**2, 0.1**2])
-    stamps, arrivals = to_ns(t, start_ns).tolist(), to_ns(t + model.transport, start_ns).tolist()
-    rows = zip(arrivals, stamps, speed.tolist(), strict=True)
-    return [Timed(arrival, BodyVelocity(stamp, (value, 0.0, 0.0), cov)) for arrival, stamp, value in rows]
+    return _timed(t, model.transport, start_ns, speed, lambda stamp, value: BodyVelocity(stamp, (value, 0.0, 0.0), cov))
 
 
 def sensor_times(truth: Truth, rate: float) -> np.ndarray:
     """Sample times of a sensor of ``rate`` [Hz] within the recording, starting after half a sample interval."""
     return np.arange(0.5 / rate + truth.t[0], truth.t[-1], 1.0 / rate)
+
+
+def _timed(
+    t: np.ndarray, transport: float, start_ns: int, values: np.ndarray, make: Callable[[int, Any], Sample]
+) -> list[Timed]:
+    """Samples ``make(stamp, value)`` of ``values`` (N, ...) at ``t`` (N,) [s]; they arrive ``transport`` [s] later."""
+    stamps, arrivals = to_ns(t, start_ns).tolist(), to_ns(t + transport, start_ns).tolist()
+    rows = zip(arrivals, stamps, values.tolist(), strict=True)
+    return [Timed(arrival, make(stamp, value)) for arrival, stamp, value in rows]
 
 
 def to_ns(t: np.ndarray, start_ns: int) -> np.ndarray:

@@ -19,7 +19,7 @@ from nav_pose_estimator.core.numerics.rotation import (
     quat_multiply_many,
     quat_rotate_many,
     quat_to_matrix,
-    rotvec_from_quat,
+    rotvec_from_quat_many,
     wrap_angle,
 )
 from nav_pose_estimator.engine.parameters import Parameters
@@ -127,7 +127,7 @@ class Story:
     def error(self, result):
         """Attitude error (3,) about n [rad] at the result's time."""
         truth = self.truth.at(np.array([result.t])).q_nb[0]
-        return rotvec_from_quat(quat_multiply(result.nav[at.QUAT : at.QUAT + 4], truth * (1.0, -1.0, -1.0, -1.0)))
+        return rotvec_from_quat_many(quat_multiply(result.nav[at.QUAT : at.QUAT + 4], truth * (1.0, -1.0, -1.0, -1.0)))
 
 
 def assert_honest(story, result, sigmas=4.0):

@@ -8,7 +8,7 @@ from scipy.stats import chi2
 from filter_start import initial_covariance
 from imu_run import run_imu
 from nav_pose_estimator.core.filter import layout as at
-from nav_pose_estimator.core.filter.blocks import GYRO_MATRIX, Wander, state_count
+from nav_pose_estimator.core.filter.blocks import GYRO_MATRIX, GaussMarkov, state_count
 from nav_pose_estimator.core.filter.constants import make_constants
 from nav_pose_estimator.core.filter.kalman import correct
 from nav_pose_estimator.core.filter.measurements import gnss_position, gnss_velocity
@@ -37,7 +37,7 @@ def constants(gyro_matrix_states: bool) -> np.ndarray:
         gap_dt=1.0,
         gap_rate_sd=0.0,
         gap_accel_sd=0.0,
-        blocks={GYRO_MATRIX: Wander()} if gyro_matrix_states else None,
+        blocks={GYRO_MATRIX: GaussMarkov()} if gyro_matrix_states else None,
     )
 
 

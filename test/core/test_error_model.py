@@ -20,25 +20,25 @@ from nav_pose_estimator.core.filter.blocks import (
     GRAVITY,
     GYRO_MATRIX,
     WIND,
-    Wander,
+    GaussMarkov,
     state_count,
 )
 from nav_pose_estimator.core.filter.constants import make_constants
 from nav_pose_estimator.core.filter.error_state import inject
 from nav_pose_estimator.core.filter.strapdown import corrected_rate, propagate
-from nav_pose_estimator.core.numerics.rotation import quat_conjugate, quat_multiply, quat_rotate, rotvec_from_quat
+from nav_pose_estimator.core.numerics.rotation import quat_conjugate, quat_multiply, quat_rotate, rotvec_from_quat_many
 
 EARTH = 6.4e6
 ALL_STATES = at.BASE_STATES + at.OPTIONAL_STATES
 WANDERS = {
-    WIND: Wander(0.1, 500.0),
-    GYRO_MATRIX: Wander(1e-6),
-    DVL: Wander((3e-5, 3e-5, 3e-5, 3e-5, 1e-5, 1e-6, 1e-6, 1e-6), 2000.0),
-    DEPTH: Wander(1e-3, 900.0),
-    GRAVITY: Wander(1e-6, 700.0),
-    AIRSPEED: Wander(1e-4, 600.0),
-    GNSS_ERROR: Wander((2e-4,) * 3 + (1e-4,) * 3, (60.0,) * 3 + (5.0,) * 3),
-    DVL_DELAY: Wander(1e-3),
+    WIND: GaussMarkov(0.1, 500.0),
+    GYRO_MATRIX: GaussMarkov(1e-6),
+    DVL: GaussMarkov((3e-5, 3e-5, 3e-5, 3e-5, 1e-5, 1e-6, 1e-6, 1e-6), 2000.0),
+    DEPTH: GaussMarkov(1e-3, 900.0),
+    GRAVITY: GaussMarkov(1e-6, 700.0),
+    AIRSPEED: GaussMarkov(1e-4, 600.0),
+    GNSS_ERROR: GaussMarkov((2e-4,) * 3 + (1e-4,) * 3, (60.0,) * 3 + (5.0,) * 3),
+    DVL_DELAY: GaussMarkov(1e-3),
 }
 
 
@@ -72,7 +72,7 @@ def difference(nav, other) -> np.ndarray:
     """Errors (ALL_STATES,) of ``nav`` as an estimate of ``other``, by the definitions of ``core.filter.layout``."""
     e = np.zeros(ALL_STATES)
     q, true_q = nav[at.QUAT : at.QUAT + 4], other[at.QUAT : at.QUAT + 4]
-    e[at.PHI : at.PHI + 3] = rotvec_from_quat(quat_multiply(true_q, quat_conjugate(q)))
+    e[at.PHI : at.PHI + 3] = rotvec_from_quat_many(quat_multiply(true_q, quat_conjugate(q)))
     e[at.DVEL : at.DVEL + 3] = nav[at.VEL : at.VEL + 3] - other[at.VEL : at.VEL + 3]
     R_M, R_N = radii(other[at.LAT])
     e[at.DPOS] = (nav[at.LON] - other[at.LON]) * (R_N + other[at.ALT]) * cos_latitude(other[at.LAT])
@@ -120,7 +120,10 @@ def measured_transition(nav, row, numbers) -> np.ndarray:
 
 def test_system_matrix_is_the_derivative_of_the_navigator():
     # GIVEN one short interval, biases and gyro matrix held as the navigator holds them
-    dt, numbers = 1e-3, constants(gyro_bias_tau=np.inf, accel_bias_tau=np.inf, blocks=dict.fromkeys(BLOCKS, Wander()))
+    dt, numbers = (
+        1e-3,
+        constants(gyro_bias_tau=np.inf, accel_bias_tau=np.inf, blocks=dict.fromkeys(BLOCKS, GaussMarkov())),
+    )
     nav = cruising()
     row = np.array([nav[at.TIME] + dt, 0.4, -0.3, 0.6, 1.5, -2.0, 9.9])
     remember(nav, row, numbers)
@@ -227,7 +230,7 @@ def test_step_uses_the_sums_and_empties_them():
 @pytest.mark.parametrize("blocks", SUBSETS, ids=names)
 def test_optional_blocks_leave_the_base_states_alone(blocks):
     # GIVEN blocks that are known exactly and stay so
-    numbers, alone = constants(blocks=dict.fromkeys(blocks, Wander())), constants(blocks=None)
+    numbers, alone = constants(blocks=dict.fromkeys(blocks, GaussMarkov())), constants(blocks=None)
     n = state_count(numbers)
     P, P_alone = np.zeros((n, n)), random_covariance(at.BASE_STATES)
     P[: at.BASE_STATES, : at.BASE_STATES] = P_alone

@@ -9,7 +9,7 @@ from exact_motion import survey
 from filter_start import plain_constants
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter import measurements
-from nav_pose_estimator.core.filter.blocks import GNSS_ERROR, Wander, set_wander, state_count
+from nav_pose_estimator.core.filter.blocks import GNSS_ERROR, GaussMarkov, set_process, state_count
 from nav_pose_estimator.core.filter.error_model import covariance_step
 from nav_pose_estimator.core.filter.error_state import inject
 from nav_pose_estimator.core.filter.kalman import correct
@@ -21,7 +21,7 @@ SD, TAU, WHITE, STEP = 1.5, 20.0, 0.3, 0.2
 
 def constants_with_error() -> np.ndarray:
     constants = plain_constants([GNSS_ERROR])
-    set_wander(constants, GNSS_ERROR, Wander(SD * math.sqrt(2.0 / TAU), TAU))
+    set_process(constants, GNSS_ERROR, GaussMarkov(SD * math.sqrt(2.0 / TAU), TAU))
     return constants
 
 

@@ -28,7 +28,7 @@ from nav_pose_estimator.core.numerics.rotation import (
     quat_conjugate,
     quat_from_rotvec,
     quat_multiply,
-    rotvec_from_quat,
+    rotvec_from_quat_many,
     skew,
 )
 
@@ -108,7 +108,7 @@ def test_reset_turns_the_covariance_as_the_remaining_error_turns():
     rng, phi = np.random.default_rng(3), np.array([0.2, -0.1, 0.3])
     scatter = 1e-6 * rng.normal(size=(200, 3))
     left = [
-        rotvec_from_quat(quat_multiply(quat_from_rotvec(phi + d), quat_conjugate(quat_from_rotvec(phi))))
+        rotvec_from_quat_many(quat_multiply(quat_from_rotvec(phi + d), quat_conjugate(quat_from_rotvec(phi))))
         for d in scatter
     ]
     # THEN what is left after C <- Exp(phi) C is (I + [phi x] / 2) times the scatter, to second order in phi

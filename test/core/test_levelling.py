@@ -20,7 +20,7 @@ from nav_pose_estimator.core.numerics.rotation import (
     quat_from_rotvec,
     quat_multiply,
     quat_to_matrix,
-    rotvec_from_quat,
+    rotvec_from_quat_many,
 )
 from nav_pose_estimator.sim.trajectories import Origin
 
@@ -49,7 +49,7 @@ def test_a_force_that_gnss_explains_leaves_one_turn_open(acceleration):
     force_n = a + np.array([0.0, 0.0, 9.80665])
     rows = np.array([[i * dt, *rate, *(quat_to_matrix(q).T @ force_n + 0.1)] for i, q in enumerate(qs)])
     found = inclined_attitudes(rows, (0.1, 0.1, 0.1), a)
-    apart = [np.linalg.norm(rotvec_from_quat(quat_multiply(q, qs[-1] * (1.0, -1.0, -1.0, -1.0)))) for q in found]
+    apart = [np.linalg.norm(rotvec_from_quat_many(quat_multiply(q, qs[-1] * (1.0, -1.0, -1.0, -1.0)))) for q in found]
     assert min(apart) < math.radians(2.6)
     for q in found:
         off = quat_to_matrix(q) @ (rows[-1, 4:7] - 0.1) - force_n
@@ -65,7 +65,7 @@ def test_level_covariance_ties_tilt_to_the_accelerometer_bias():
     errors = []
     for bias in rng.normal(0.0, 0.1, (4000, 3)):
         level = level_attitude(C.T @ [0.0, 0.0, 9.80665] + bias)
-        phi = -rotvec_from_quat(quat_multiply(level, q * (1.0, -1.0, -1.0, -1.0)))
+        phi = -rotvec_from_quat_many(quat_multiply(level, q * (1.0, -1.0, -1.0, -1.0)))
         errors.append([*phi[:2], *bias])
     expected = level_covariance(q, 0.0, 1e-4, 0.1, 2.0)
     rows = [at.PHI, at.PHI + 1, *range(at.D_ACCEL_BIAS, at.D_ACCEL_BIAS + 3)]

@@ -13,7 +13,7 @@ from exact_motion import survey, times_of
 from filter_start import initial_covariance
 from imu_run import run_imu
 from nav_pose_estimator.core.filter import layout as at
-from nav_pose_estimator.core.filter.blocks import GYRO_MATRIX, Wander
+from nav_pose_estimator.core.filter.blocks import GYRO_MATRIX, GaussMarkov
 from nav_pose_estimator.core.filter.constants import make_constants
 from nav_pose_estimator.core.filter.kalman import gated_correct, predicted_horizontal_sd
 from nav_pose_estimator.core.filter.strapdown import flush_covariance
@@ -32,7 +32,7 @@ def fly() -> dict[str, list[float]]:
         gap_dt=0.5,
         gap_rate_sd=0.3,
         gap_accel_sd=2.0,
-        blocks={GYRO_MATRIX: Wander(1e-6)},
+        blocks={GYRO_MATRIX: GaussMarkov(1e-6)},
     )
     P = initial_covariance(
         numbers,

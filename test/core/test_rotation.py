@@ -23,7 +23,7 @@ angle = st.floats(-3.1, 3.1)
 
 @given(turn)
 def test_exp_and_log_are_inverse(v):
-    assert np.allclose(rotation.rotvec_from_quat(rotation.quat_from_rotvec(v)), v, rtol=1e-12, atol=1e-15)
+    assert np.allclose(rotation.rotvec_from_quat_many(rotation.quat_from_rotvec(v)), v, rtol=1e-12, atol=1e-15)
 
 
 @given(turn)
@@ -44,13 +44,6 @@ def test_product_is_one_rotation_after_the_other(a, b, v):
     both = rotation.quat_rotate(rotation.quat_multiply(a, b), v)
     assert np.allclose(both, rotation.quat_rotate(a, rotation.quat_rotate(b, v)), atol=1e-13)
     assert np.allclose(rotation.quat_multiply(a, rotation.quat_conjugate(a)), (1.0, 0.0, 0.0, 0.0), atol=1e-14)
-
-
-@given(st.builds(lambda u, a: rotation.quat_from_rotvec(u * a), direction, st.floats(0.0, 2.0 * math.pi)))
-def test_matrix_and_quaternion_are_inverse(q):
-    again = rotation.quat_from_matrix(rotation.quat_to_matrix(q))
-    assert abs(again @ q) == pytest.approx(1.0, abs=1e-14)
-    assert np.allclose(again * np.sign(again @ q), q, atol=1e-12)
 
 
 @given(angle, st.floats(-1.57, 1.57), angle)

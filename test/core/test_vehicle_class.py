@@ -13,7 +13,7 @@ from nav_pose_estimator.core.motion.vehicle_class import (
     UNKNOWN,
     WHEELS,
     class_probabilities,
-    tell_class,
+    classify,
 )
 from true_epochs import epochs_of
 
@@ -35,16 +35,16 @@ def test_simulated_vehicles_are_told_and_never_mistaken(scenario: str, vehicle_c
     """GIVEN a vehicle under way WHEN asked again and again THEN no other class is ever certain, and its own is at
     last."""
     epochs = epochs_of(scenario, seed, 220.0)
-    told = [tell_class(epochs[:count]) for count in range(2, len(epochs), 4)]
+    told = [classify(epochs[:count]) for count in range(2, len(epochs), 4)]
     assert set(told) <= {UNKNOWN, vehicle_class}
     assert told[-1] == vehicle_class
 
 
 def test_what_has_not_moved_is_not_told() -> None:
     """GIVEN no flight, or one at the pace of a walk WHEN asked THEN no class is certain."""
-    assert tell_class(np.empty((0, me.COLUMNS))) == UNKNOWN
+    assert classify(np.empty((0, me.COLUMNS))) == UNKNOWN
     carried = Flight(speed=1.0, wind=(0.0, 0.0)).epochs()
-    assert tell_class(carried) == UNKNOWN
+    assert classify(carried) == UNKNOWN
     assert sum(class_probabilities(carried).values()) == pytest.approx(1.0)
 
 
@@ -64,7 +64,7 @@ def test_what_moves_unlike_a_multirotor_is_never_said_to_hover() -> None:
     for scenario in ("fixed_wing", "road_vehicle", "boat_lanes"):
         epochs = epochs_of(scenario, 71, 220.0)
         moves = int(np.argmax(np.hypot(epochs[:, me.VELOCITY], epochs[:, me.VELOCITY + 1]) > 2.0))
-        assert tell_class(epochs[: moves + 8]) == UNKNOWN
+        assert classify(epochs[: moves + 8]) == UNKNOWN
         assert Beforehand().can_hover(epochs[: moves + 8]) is False
         assert Beforehand().can_hover(epochs) is False
     flight = Flight().epochs()
@@ -77,4 +77,4 @@ def test_a_few_strange_seconds_decide_nothing() -> None:
     """GIVEN a drive WHEN it jumps for two seconds as no wheels do THEN it is still a drive."""
     epochs = drive()
     epochs[200:204, me.BODY_VELOCITY + 1 : me.BODY_VELOCITY + 3] = 20.0
-    assert tell_class(epochs) == WHEELS
+    assert classify(epochs) == WHEELS

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nav_pose_estimator.core.filter import layout as at
-from nav_pose_estimator.core.filter.blocks import BLOCKS, Block, Wander, enlarged, set_blocks
+from nav_pose_estimator.core.filter.blocks import BLOCKS, Block, GaussMarkov, enlarged, set_blocks
 from nav_pose_estimator.core.filter.constants import make_constants
 
 SUBSETS = [chosen for size in range(len(BLOCKS) + 1) for chosen in itertools.combinations(BLOCKS, size)]
@@ -33,7 +33,7 @@ def plain_constants(blocks: Iterable[Block] = (), **changes: float) -> np.ndarra
         "gap_rate_sd": 0.3,
         "gap_accel_sd": 2.0,
     }
-    return make_constants(**(numbers | changes), blocks={block: Wander(1e-3) for block in blocks})
+    return make_constants(**(numbers | changes), blocks={block: GaussMarkov(1e-3) for block in blocks})
 
 
 def initial_covariance(

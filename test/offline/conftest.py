@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from nav_pose_estimator.offline.benchmarks.speed.processes import write_flight_bag
+from flight_bag import write_flight_bag
 from small_bags import flight, write_bag
 
 

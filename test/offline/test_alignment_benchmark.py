@@ -55,7 +55,7 @@ def test_goals_can_be_missed():
 def test_a_start_knows_nothing_of_optional_states():
     """GIVEN a filter with states of the gyroscope's matrix WHEN it begins some degrees off THEN they begin at zero."""
     case = CASES["drone"]
-    recording = generate(case.told("white"), 2.0, seed=1, imu=case.grade)
+    recording = generate(case.scenario_for("white"), 2.0, seed=1, imu=case.grade)
     engine = SinsEngine(update(case.parameters("fixed"), {"navigator.gyro_matrix_states": True}))
     block = next(sample for sample in recording.samples() if isinstance(sample, ImuBlock))
     assert len(begin(engine, recording, block, np.full(15, 0.1))) == len(block) - 1
@@ -82,7 +82,7 @@ def test_noise_models_are_honest_where_the_receiver_is_not():
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_conditions_do_what_they_say(condition: str):
     """GIVEN a condition THEN the receiver's errors against what it states are as its name has it."""
-    scenario = CASES["drone"].told(condition)
+    scenario = CASES["drone"].scenario_for(condition)
     recording = generate(scenario, seed=4, imu_rate=20.0)
     fixes = [timed.sample for timed in recording.others if type(timed.sample).__name__ == "GnssFix"]
     truth = recording.truth.at(np.array([(fix.stamp_ns - recording.start_ns) * 1e-9 for fix in fixes]))

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from flight_bag import write_flight_bag
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.archive import resumed
 from nav_pose_estimator.offline.archive.jobs import Failure, carry_out
@@ -18,7 +19,6 @@ from nav_pose_estimator.offline.archive.recordings import find
 from nav_pose_estimator.offline.benchmarks.archive import cluster
 from nav_pose_estimator.offline.benchmarks.outage import many_flights
 from nav_pose_estimator.offline.benchmarks.outage.trials import Task, run_flight
-from nav_pose_estimator.offline.benchmarks.speed.processes import write_flight_bag
 from nav_pose_estimator.offline.command_line import main
 from nav_pose_estimator.offline.logs.open_recording import read_sensors
 from nav_pose_estimator.offline.training.flights import digest_of

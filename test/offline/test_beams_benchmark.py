@@ -77,7 +77,7 @@ def test_goals_are_for_cases_and_faults_that_exist():
 
 
 def test_nothing_of_gnss_is_left_after_its_loss():
-    recording = generate(SHORT.told(30.0, 0.0), 20.0, seed=1)
+    recording = generate(SHORT.scenario_for(30.0, 0.0), 20.0, seed=1)
     lost_ns = START_NS + 10_000_000_000
     kinds = (GnssFix, GnssVelocity, SatelliteCount)
     late = [timed for timed in without_gnss(recording, lost_ns).others if timed.arrival_ns > lost_ns + 10_000_000]

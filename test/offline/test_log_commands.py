@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from nav_pose_estimator.core.earth.gps_time import WEEK_S
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import ImuBlock
 from nav_pose_estimator.errors import UserError
@@ -17,7 +18,7 @@ from nav_pose_estimator.offline.flights import latency
 from nav_pose_estimator.offline.flights.flight_window import flight_window
 from nav_pose_estimator.offline.flights.recording import load
 from nav_pose_estimator.offline.logs.clock_fit import fit_clock
-from nav_pose_estimator.offline.logs.gnss_time import ROLLOVER, WEEK, rolled, utc_from_gps_week
+from nav_pose_estimator.offline.logs.gnss_time import ROLLOVER, rolled, utc_from_gps_week
 from nav_pose_estimator.offline.logs.imu_choice import compare_imus
 from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared, read_sensors
 from nav_pose_estimator.offline.logs.options import LogOptions
@@ -317,16 +318,16 @@ def test_clock_gnss_needs_a_time(flown, tmp_path):
 def test_weeks_before_2010_have_rolled_over():
     week, of_week = np.array([2300, 2300 - ROLLOVER, 0]), np.array([1000, 1000, 5])
     utc = utc_from_gps_week(week, of_week)
-    assert utc[0] == utc[1] == (315_964_800 + 2300 * WEEK + 1 - 18) * 10**6
+    assert utc[0] == utc[1] == (315_964_800 + 2300 * WEEK_S + 1 - 18) * 10**6
     assert utc[2] == 0
-    np.testing.assert_array_equal(rolled(utc[:1] - 2 * ROLLOVER * WEEK * 10**6), utc[:1])
+    np.testing.assert_array_equal(rolled(utc[:1] - 2 * ROLLOVER * WEEK_S * 10**6), utc[:1])
 
 
 def test_leap_seconds_of_the_day_are_taken_off():
     before, after = 1_483_228_800 - 100, 1_483_228_800 + 100  # around the end of 2016
     for utc, leap in ((before, 17), (after, 18)):
         gps = utc - 315_964_800 + leap
-        found = utc_from_gps_week(np.array([gps // WEEK]), np.array([gps % WEEK * 1000]))
+        found = utc_from_gps_week(np.array([gps // WEEK_S]), np.array([gps % WEEK_S * 1000]))
         assert found[0] == utc * 10**6
 
 

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from flight_bag import write_flight_bag
 from nav_pose_estimator.core.filter.layout import OUT_COLUMNS, OUT_QUAT, OUT_VEL
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import GnssFix
 from nav_pose_estimator.engine.solutions import Mode, NavBlock
 from nav_pose_estimator.errors import UserError
-from nav_pose_estimator.offline.benchmarks.speed.processes import write_flight_bag
 from nav_pose_estimator.offline.flights import methods, recording, row_store, tracks
 from nav_pose_estimator.offline.flights.outages import Outage
 from nav_pose_estimator.offline.flights.recording import load

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import parameter_docs
+from flight_bag import write_flight_bag
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.outage.methods.method import (
@@ -26,7 +27,6 @@ from nav_pose_estimator.engine.outage.methods.registry import all_methods, regis
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import ParameterError, specs, update
 from nav_pose_estimator.engine.samples import BodyVelocity, VelocityError
-from nav_pose_estimator.offline.benchmarks.speed.processes import write_flight_bag
 from nav_pose_estimator.offline.command_line import main
 from nav_pose_estimator.offline.flights import methods
 from nav_pose_estimator.offline.flights.recording import load

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from flight_bag import write_flight_bag
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.offline.benchmarks.outage.trials import Task, run_task
 from nav_pose_estimator.offline.benchmarks.speed.figures import Figure, best_time
 from nav_pose_estimator.offline.benchmarks.speed.flight_messages import imu_bytes
-from nav_pose_estimator.offline.benchmarks.speed.processes import write_flight_bag
 from nav_pose_estimator.offline.command_line import main
 from nav_pose_estimator.offline.flights import methods
 from nav_pose_estimator.offline.flights.outages import Outage

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
+from flight_bag import write_flight_bag
 from nav_pose_estimator.core.filter.layout import OUT_COLUMNS, SOLUTION_SIZE
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.parameters import Parameters
@@ -19,7 +20,6 @@ from nav_pose_estimator.engine.samples import GnssVelocity, ImuBlock
 from nav_pose_estimator.engine.solutions import Mode, NavBlock
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.benchmarks.speed.plain_flight import samples
-from nav_pose_estimator.offline.benchmarks.speed.processes import write_flight_bag
 from nav_pose_estimator.offline.command_line import main
 from nav_pose_estimator.offline.flights import latency, methods
 from nav_pose_estimator.offline.flights.outages import Outage

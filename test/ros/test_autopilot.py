@@ -11,6 +11,7 @@ from nav_msgs.msg import Odometry
 
 from autopilot_consumer import TO_FRD, TO_NED, GpsInput, Mavros, Px4, matrix
 from driver_types import GPSINPUT, VEHICLE_LOCAL_POSITION, VEHICLE_ODOMETRY, make, sent
+from nav_pose_estimator.core.earth.gps_time import week_and_milliseconds
 from nav_pose_estimator.core.numerics.rotation import quat_from_euler
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import ParameterError, update
@@ -22,7 +23,6 @@ from nav_pose_estimator.ros.autopilot import link
 from nav_pose_estimator.ros.autopilot.channels import MavrosGps, MavrosOdometry, Px4Odometry, quality
 from nav_pose_estimator.ros.autopilot.echo import EchoWatch, Finding
 from nav_pose_estimator.ros.autopilot.frames import attitude_frd_to_ned, px4_north_east
-from nav_pose_estimator.ros.autopilot.gps_time import week_and_milliseconds
 from nav_pose_estimator.ros.autopilot.permission import Permission
 from nav_pose_estimator.ros.autopilot.px4_clock import Px4Clock, reference
 
@@ -198,11 +198,11 @@ def test_stamps_pass_where_px4_keeps_our_time_and_are_moved_where_it_does_not():
     in_step, apart = Px4Clock(), Px4Clock()
     assert in_step.stamp_us(STAMP) == STAMP // 1000
     for delay_us in (3000, 500, 9000):
-        in_step.hear((STAMP // 1000) - delay_us, STAMP)
-        apart.hear(60_000_000 - delay_us, STAMP)
+        in_step.note((STAMP // 1000) - delay_us, STAMP)
+        apart.note(60_000_000 - delay_us, STAMP)
     assert in_step.stamp_us(STAMP) == STAMP // 1000
     assert apart.stamp_us(STAMP) == 60_000_000 - 500
-    apart.hear(1_000_000, STAMP)  # PX4 has started again
+    apart.note(1_000_000, STAMP)  # PX4 has started again
     assert apart.stamp_us(STAMP) == 1_000_000
 
 

@@ -21,7 +21,7 @@ from nav_pose_estimator.core.numerics.rotation import quat_to_matrix
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.imu.mounting import rotation_from_rpy
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuSample, MagSample, Sample
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, ImuSample, MagSample, Sample
 from nav_pose_estimator.engine.solutions import Mode, NavSolution
 from nav_pose_estimator.nodes.pose_estimator import PoseEstimatorNode
 from nav_pose_estimator.offline.flights.recording import load
@@ -326,12 +326,11 @@ def test_a_recorded_outage_passes_through_it(wired, shared_data, word):
 def without_gnss(recording: Any, start: float, end: float, until: float) -> Iterable[Sample]:
     """The flight to ``until`` [s] as single samples, without GNSS from ``start`` to ``end``."""
     for sample in recording.samples:
-        stamps = getattr(sample, "stamps_ns", None)
-        if stamps is not None:
-            for stamp, gyro, accel in zip(stamps.tolist(), sample.gyro.tolist(), sample.accel.tolist(), strict=True):
-                if (stamp - recording.epoch_ns) * 1e-9 > until:
+        if isinstance(sample, ImuBlock):
+            for single in sample.samples():
+                if (single.stamp_ns - recording.epoch_ns) * 1e-9 > until:
                     return
-                yield ImuSample(stamp, tuple(gyro), tuple(accel))
+                yield single
             continue
         t = ((sample.stamp_ns or 0) - recording.epoch_ns) * 1e-9
         if not (isinstance(sample, (GnssFix, GnssVelocity)) and start <= t < end):

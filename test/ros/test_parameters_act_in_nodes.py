@@ -24,9 +24,9 @@ from nav_pose_estimator.offline.flights.config_file import load_parameters
 from nav_pose_estimator.ros import inputs, qos
 from nav_pose_estimator.ros.autopilot import link
 from nav_pose_estimator.ros.continuation.state_keeper import StateKeeper
-from nav_pose_estimator.ros.diagnostics import InputWatch
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
 from nav_pose_estimator.ros.load.inbox import Arrival
+from nav_pose_estimator.ros.load.input_watch import InputWatch
 from nav_pose_estimator.ros.messages import installed
 from nav_pose_estimator.ros.model_keeper import ModelKeeper
 from nav_pose_estimator.ros.outputs import AttitudeOutput, NavigationOutput

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from nav_pose_estimator.core.numerics.rotation import quat_conjugate_many, quat_rotate_many
-from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample
+from nav_pose_estimator.engine.samples import ImuBlock, Sample
 from nav_pose_estimator.engine.solutions import Mode
 from nav_pose_estimator.sim.recording import Recording
 from told import GNSS, Told, flight, silence, tell
@@ -186,8 +186,7 @@ def test_the_size_of_blocks_decides_nothing(blocks: int) -> None:
     def cut() -> Iterator[Sample]:
         for sample in spoilt(recording, read_as(DEGREES * SAME)):
             if isinstance(sample, ImuBlock) and blocks == 1:
-                values = zip(sample.stamps_ns.tolist(), sample.gyro.tolist(), sample.accel.tolist(), strict=True)
-                yield from (ImuSample(t, tuple(w), tuple(f)) for t, w, f in values)
+                yield from sample.samples()
             elif isinstance(sample, ImuBlock):
                 yield from (sample.part(i, i + blocks) for i in range(0, len(sample), blocks))
             else:

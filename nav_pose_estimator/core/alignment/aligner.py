@@ -17,6 +17,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,7 @@ from nav_pose_estimator.core.alignment.levelling import (
 from nav_pose_estimator.core.alignment.recent_rows import RecentRows
 from nav_pose_estimator.core.alignment.rest import RestDetector, RestSettings
 from nav_pose_estimator.core.alignment.types import (
+    VERTICAL_SHARE,
     Alignment,
     AlignmentSettings,
     Fix,
@@ -57,14 +59,31 @@ Array = NDArray[np.float64]
 
 _LEVEL_WINDOW = 1.0  # s of IMU data over which the specific force is averaged for a level in motion
 _LEVEL_AGE = 20.0  # s: an older levelling at rest is dropped, because the IMU rows since then have to be kept
+_FILLED = 0.7  # smallest part of that window that has to hold data
+_RENEWAL = 0.1  # part of the levelling window after which a level at rest is computed again
+_NOISE_LEFT = 0.2  # part of the rate's scatter at rest that its mean over the window still has
+_AWAY = 5.0  # m: how far the vehicle may have moved since the level at rest
 _FIX_AGE = 2.0  # s: an older fix does not give the position of a resting vehicle
 _RECENT = 20  # fixes with a velocity that are kept, more than one second of them
 _ZERO = (0.0, 0.0, 0.0)
+_REST_FORCE = 0.8  # m/s^2: largest difference of the mean force's norm from gravity at rest
 # rad/s: largest mean rate at rest beside a known bias. A bias does not drift this far; a smooth circle turns faster.
 _KNOWN_RATE = 0.03
 _RESIDUAL_RATE_SD = 2e-4  # rad/s: standard deviation of the gyroscope bias after a levelling at rest
 _LOST_NIS = 12.0  # mean NIS per degree of freedom above which the bank has diverged and is restarted
 _LOST_UPDATES = 25  # fixes before that test applies
+_bank_constants = partial(
+    make_constants,
+    gyro_bias_sd=1e-4,
+    gyro_bias_tau=300.0,
+    accel_bias_sd=0.02,
+    accel_bias_tau=300.0,
+    covariance_period=0.05,
+    gap_dt=0.1,
+    gap_rate_sd=0.3,
+    gap_accel_sd=2.0,
+)
+"""Constants of the bank's filters, whose biases hardly change until the heading is known."""
 
 
 @dataclass(init=False, eq=False, slots=True)
@@ -100,23 +119,12 @@ class Aligner:
         """``noise``: noise models of the fixes; without it their stated deviations are used as they are."""
         s = self.settings = settings
         self.noise = noise or FixNoise(Fixed(), Fixed())
-        self._constants = make_constants(
-            gyro_noise=s.gyro_noise,
-            accel_noise=s.accel_noise,
-            gyro_bias_sd=1e-4,
-            gyro_bias_tau=300.0,
-            accel_bias_sd=0.02,
-            accel_bias_tau=300.0,
-            covariance_period=0.05,
-            gap_dt=0.1,
-            gap_rate_sd=0.3,
-            gap_accel_sd=2.0,
-        )
+        self._constants = _bank_constants(gyro_noise=s.gyro_noise, accel_noise=s.accel_noise)
         self._lever = np.array(s.lever_arm, dtype=float)
         self._biases = s.known or KnownBiases(_ZERO, _ZERO, s.gyro_bias_sd, s.accel_bias_sd)
         rate = s.rest_rate if s.known is None else _KNOWN_RATE
         self._rest = RestDetector(
-            RestSettings(s.static_window, s.rest_gyro_sd, s.rest_accel_sd, rate, 0.8, offset=self._biases.gyro)
+            RestSettings(s.static_window, s.rest_gyro_sd, s.rest_accel_sd, rate, _REST_FORCE, offset=self._biases.gyro)
         )
         self._rows = RecentRows()
         self._fixes = deque()
@@ -173,9 +181,8 @@ class Aligner:
             return
         period = 1.0 if self.last_fix is None else min(t_valid - self.last_fix.t, 1.0)
         velocity, velocity_sd = fix_velocity(vel_enu, vel_sd, period)
-        fix = Fix(
-            t_valid, (lat, lon, alt), velocity, np.array([pos_sd, pos_sd, max(1.7 * pos_sd, height_sd)]), velocity_sd
-        )
+        position_sd = np.array([pos_sd, pos_sd, max(VERTICAL_SHARE * pos_sd, height_sd)])
+        fix = Fix(t_valid, (lat, lon, alt), velocity, position_sd, velocity_sd)
         self.last_fix = fix
         self._motion.note(fix)
         if velocity is not None:
@@ -243,10 +250,10 @@ class Aligner:
         """Level and estimate the gyroscope bias; with a magnetic heading this is the result."""
         s = self.settings
         self.bank = None
-        if self._level is not None and self._now - self._level.t < 0.1 * s.static_window:
+        if self._level is not None and self._now - self._level.t < _RENEWAL * s.static_window:
             return
         q = level_attitude(self._rest.mean_force)
-        rate_sd = float(max(self._rest.rate_sd)) * 0.2
+        rate_sd = float(max(self._rest.rate_sd)) * _NOISE_LEFT
         P = level_covariance(q, rate_sd, _RESIDUAL_RATE_SD, s.accel_bias_sd, s.static_window)
         self._level = RestLevel(self._now, q, self._rest.mean_rate, P)
         yaw = self._magnetic_yaw(q)
@@ -277,11 +284,8 @@ class Aligner:
         bank.run(self._rows.between(bank.time, fix.t))
         bank.fuse(fix.position, fix.position_sd, fix.velocity, fix.velocity_sd, self.noise)
         _, sd = bank.heading()
-        # scale the deviation by the NIS, as ``merged`` does
-        if (
-            sd * math.sqrt(max(bank.nis, 1.0)) <= self.settings.heading_sd
-            and fix.t - bank.began >= self.settings.min_time
-        ):
+        scaled_sd = sd * math.sqrt(max(bank.nis, 1.0))  # as ``merged`` scales it
+        if scaled_sd <= self.settings.heading_sd and fix.t - bank.began >= self.settings.min_time:
             nav, P = bank.merged()
             how = "at rest, heading from the first motion" if self._from_rest else "in motion, heading from GNSS"
             self._done = Alignment(float(fix.t), nav, 0.5 * (P + P.T), how, nis=bank.nis)
@@ -297,12 +301,12 @@ class Aligner:
                 return None
             self._from_rest = True
             nav, P = from_level(level, 0.0, None, self._rows.at(level.t), self._is_resting())
-            P[DPOS : DPOS + 3, DPOS : DPOS + 3] = np.diag((fix.position_sd + 5.0) ** 2)
+            P[DPOS : DPOS + 3, DPOS : DPOS + 3] = np.diag((fix.position_sd + _AWAY) ** 2)
             nav[LAT : ALT + 1] = fix.position
             q = level.q
         else:
             rows = self._rows.between(fix.t - _LEVEL_WINDOW, fix.t)
-            if len(rows) < 3 or rows[0, IMU_T] > fix.t - 0.7 * _LEVEL_WINDOW:
+            if len(rows) < 3 or rows[0, IMU_T] > fix.t - _FILLED * _LEVEL_WINDOW:
                 return None
             self._from_rest = False
             if unlevel(rows, self._biases.accel) > STEEPEST:
@@ -312,7 +316,7 @@ class Aligner:
         prior = None if turns is not None else heading_prior(s, self._magnetic_yaw(q))
         return HeadingHypotheses(nav, P, s.hypotheses, self._constants, self._lever, prior, turns)
 
-    # --- small things ------------------------------------------------------------------------------------------------
+    # --- magnetometer ------------------------------------------------------------------------------------------------
 
     def _magnetic_yaw(self, q_level: Array) -> float | None:
         """Yaw [rad] from the magnetometer; None when its field is implausible (``compass.doubt`` says why)."""

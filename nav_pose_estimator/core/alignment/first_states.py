@@ -38,6 +38,10 @@ Array = NDArray[np.float64]
 
 STEEPEST = 0.35
 """rad: with a larger apparent tilt, an acceleration above a third of gravity, the specific force shows no level."""
+_SPACING_SD = 0.3  # standard deviation of a heading within the spacing of the hypotheses: about 1 / sqrt(12)
+_FAR_SD = 1e3  # m: standard deviation of an unknown position
+_REST_SD, _MOTION_SD = 0.5, 10.0  # m/s: standard deviation of a velocity that GNSS does not show, at rest and else
+_VELOCITY_SD = 0.2  # m/s: smallest standard deviation of the first velocity
 _SHORTEST, _LONGEST = 0.5, 1.2  # s: time between the two GNSS velocities whose difference gives an acceleration
 
 
@@ -95,7 +99,7 @@ def heading_prior(settings: AlignmentSettings, yaw: float | None) -> Array | Non
     if yaw is None:
         return None
     spacing = 2.0 * math.pi / settings.hypotheses
-    sd = math.hypot(settings.mag_heading_sd, 0.3 * spacing)
+    sd = math.hypot(settings.mag_heading_sd, _SPACING_SD * spacing)
     away = np.array([wrap_angle(k * spacing - yaw) for k in range(settings.hypotheses)])
     likelihood = np.exp(-0.5 * (away / sd) ** 2)
     uniform = (1.0 - settings.mag_trust) / settings.hypotheses
@@ -104,15 +108,15 @@ def heading_prior(settings: AlignmentSettings, yaw: float | None) -> Array | Non
 
 def _place(nav: Array, P: Array, fix: Fix | None, resting: bool) -> None:
     """Set position and velocity from ``fix``; without one the position is unknown and the velocity about zero."""
-    position_sd, velocity_sd = np.full(3, 1e3), np.full(3, 0.5)
+    position_sd, velocity_sd = np.full(3, _FAR_SD), np.full(3, _REST_SD)
     if fix is not None:
         nav[LAT : ALT + 1] = fix.position
         position_sd = fix.position_sd
         if fix.velocity is not None:
             nav[VEL : VEL + 3] = fix.velocity
-            velocity_sd = np.maximum(fix.velocity_sd, 0.2)
+            velocity_sd = np.maximum(fix.velocity_sd, _VELOCITY_SD)
         elif not resting:
-            velocity_sd = np.full(3, 10.0)
+            velocity_sd = np.full(3, _MOTION_SD)
     for start, sd in ((DVEL, velocity_sd), (DPOS, position_sd)):
         P[start : start + 3, start : start + 3] = np.diag(sd**2)
 

@@ -22,12 +22,10 @@ from nav_pose_estimator.core.numerics.rotation import (
     quat_to_matrix,
     wrap_angle,
 )
+from nav_pose_estimator.core.numerics.units import STANDARD_GRAVITY
 
 Array = NDArray[np.float64]
 Vector = Sequence[float] | Array
-
-STANDARD_GRAVITY = 9.80665
-"""m/s^2, where the latitude is not known."""
 
 _GEOMAGNETIC_POLE = math.radians(80.65), math.radians(-72.68)  # latitude, longitude of the dipole's axis, 2020
 _FIELD_STRENGTH = 18e-6, 75e-6  # T: 22 to 67 on the Earth's surface, and some error of calibration

@@ -102,8 +102,6 @@ class Fit(NamedTuple):
     scale: Array
     inverted_misfit: Array
     """Misfit with the accelerometer's sign inverted."""
-    inverted_scale: Array
-    """Scale with the accelerometer's sign inverted."""
 
 
 def fit(seconds: Array, u: Array, gyros: Array) -> Fit:
@@ -118,7 +116,7 @@ def fit(seconds: Array, u: Array, gyros: Array) -> Fit:
     own, wanted = np.einsum("hji,hji->h", s, s) + 1e-12, float(np.sum(u * u))
     traces = [singular[:, 0] + singular[:, 1] + side * sign * singular[:, 2] for side in (1.0, -1.0)]
     misfits = [np.sqrt(np.maximum(1.0 - trace**2 / (own * wanted), 0.0)) for trace in traces]
-    return Fit(misfits[0], traces[0] / own, misfits[1], traces[1] / own)
+    return Fit(misfits[0], traces[0] / own, misfits[1])
 
 
 @kernel

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from nav_pose_estimator.core.numerics.jit import kernel
+from nav_pose_estimator.core.numerics.units import STANDARD_GRAVITY
 
 BLOCKS = 8
 _AXES = 6  # rate and force
@@ -43,7 +44,7 @@ class RestSettings:
     rate: float  # rad/s, largest mean rate beside ``offset`` that passes for a bias and not for a turn
     force: float  # m/s^2, largest difference of the mean force's norm from gravity
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  # rad/s, known bias of the gyroscope
-    gravity: float = 9.80665  # m/s^2
+    gravity: float = STANDARD_GRAVITY  # m/s^2
 
 
 @dataclass(init=False, eq=False, slots=True)

@@ -11,6 +11,10 @@ from numpy.typing import NDArray
 from nav_pose_estimator.core.filter.measurement_noise import NoiseModel
 
 Array = NDArray[np.float64]
+VERTICAL_SHARE = 1.7
+"""Usual ratio of vertical to horizontal deviation of a fix (VDOP over HDOP)."""
+_VERTICAL_VELOCITY_SHARE = 1.5  # the same of its velocity
+_UNKNOWN_CLIMB_SD = 30.0  # m/s: standard deviation of a missing vertical velocity
 _VELOCITY_FLOOR = 0.1  # m/s: smallest standard deviation that a GNSS velocity is given
 _SLOW_SPEED = 1.5  # m/s: below it receivers hold or smooth the velocity
 _SLOW_SD = 1.0  # m/s: additional standard deviation of the velocity at standstill, falling to 0 at ``_SLOW_SPEED``
@@ -119,11 +123,11 @@ def fix_velocity(vel_enu: Sequence[float] | None, sd: float, period: float) -> t
     Errors of a GNSS velocity are correlated over ``_VELOCITY_CORRELATION``. A filter that takes them as independent
     needs a larger variance: it is multiplied by 1 + correlation time / period.
     """
-    spread = max(sd, _VELOCITY_FLOOR) * np.array([1.0, 1.0, 1.5])
+    spread = max(sd, _VELOCITY_FLOOR) * np.array([1.0, 1.0, _VERTICAL_VELOCITY_SHARE])
     if vel_enu is None or not (math.isfinite(vel_enu[0]) and math.isfinite(vel_enu[1])):
         return None, spread
     velocity = np.array(vel_enu, dtype=float)
     if not math.isfinite(velocity[2]):
-        velocity[2], spread[2] = 0.0, 30.0
+        velocity[2], spread[2] = 0.0, _UNKNOWN_CLIMB_SD
     slow = max(1.0 - math.hypot(*velocity) / _SLOW_SPEED, 0.0)
     return velocity, np.hypot(spread, _SLOW_SD * slow) * math.sqrt(1.0 + _VELOCITY_CORRELATION / period)

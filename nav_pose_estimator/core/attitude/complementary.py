@@ -114,22 +114,22 @@ def add_magnetic_field(s, mx, my, mz):
 
 
 @kernel
-def run(s, last_ns, stamps, gyro, accel, mag, anomaly, behind, said, out):
+def run(s, last_ns, stamps, gyro, accel, mag, anomaly, behind, aids, out):
     """Loop of :func:`step` and :func:`add_magnetic_field`: the batch form, identical to single calls.
 
     ``stamps`` (N,) int64 [ns] after ``last_ns``; ``gyro``, ``accel`` (N, 3); ``mag`` (N, 3) or (0, 3): the field that
     follows each IMU sample, NaN for none. ``out`` (N, BLOCK_COLUMNS) receives attitude, variances and bias after each.
-    ``said`` (M, navigator_aid.SIZE) is what a navigator says behind the samples ``behind`` (M,), in order of time.
+    ``aids`` (M, navigator_aid.SIZE) of a navigator take effect after the samples ``behind`` (M,), in order of time.
     Returns the number of processed samples: all, or up to the first one whose field differs by more than ``anomaly``
     from the learned one.
     """
-    told = 0
+    used = 0
     for i in range(len(stamps)):
         dt = (stamps[i] - (stamps[i - 1] if i > 0 else last_ns)) * 1e-9
         _step(s, dt, (gyro[i, 0], gyro[i, 1], gyro[i, 2]), (accel[i, 0], accel[i, 1], accel[i, 2]))
-        if told < len(behind) and behind[told] == i:
-            follow_navigator(s, said[told])
-            told += 1
+        if used < len(behind) and behind[used] == i:
+            follow_navigator(s, aids[used])
+            used += 1
         has_field = len(mag) > 0 and not math.isnan(mag[i, 0] + mag[i, 1] + mag[i, 2])
         if has_field:
             add_magnetic_field(s, mag[i, 0], mag[i, 1], mag[i, 2])

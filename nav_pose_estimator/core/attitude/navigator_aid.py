@@ -1,6 +1,6 @@
 """Aiding of an attitude filter by a navigator: its change of velocity, and while GNSS aids it also its attitude.
 
-Kernels on the state vector of ``core.attitude.layout`` and on what a navigator says, a vector of ``SIZE`` numbers.
+Kernels on the state vector of ``core.attitude.layout`` and on the aid, a vector of ``SIZE`` numbers.
 """
 
 import math
@@ -31,26 +31,26 @@ _KNOWN_HEADING = 0.35
 
 
 @kernel
-def follow_navigator(s, said):
+def follow_navigator(s, aid):
     """Pass the change of the velocity to the filter, which is not gravity; learn heading and accelerometer bias.
 
     False, and nothing is done, where the navigator's axes are unknown because neither has a heading.
     """
-    q = load4(said, ATTITUDE)
+    q = load4(aid, ATTITUDE)
     turn = 0.0
     if q[0] == 0.0 and q[1] == 0.0 and q[2] == 0.0 and q[3] == 0.0:
         if not s[COV + 8] < _KNOWN_HEADING * _KNOWN_HEADING:
             return False
     else:
         turn = _turn(load4(s, QUAT), q)
-        if said[HEADING_VAR] > 0.0:
-            s[NAV_HEADING], s[NAV_HEADING_VAR] = _within_half_turn(-turn), said[HEADING_VAR]
-        if said[LEVELLING] > 0.0:
-            _learn_force_bias(s, q, said[LEVELLING])
+        if aid[HEADING_VAR] > 0.0:
+            s[NAV_HEADING], s[NAV_HEADING_VAR] = _within_half_turn(-turn), aid[HEADING_VAR]
+        if aid[LEVELLING] > 0.0:
+            _learn_force_bias(s, q, aid[LEVELLING])
     c, d = math.cos(turn), math.sin(turn)
-    east, north = said[CHANGE], said[CHANGE + 1]
-    change = (c * east - d * north, d * east + c * north, said[CHANGE + 2])
-    subtract_velocity_change(s, change, said[DT], 2.0 * said[DT], said[SPEED])
+    east, north = aid[CHANGE], aid[CHANGE + 1]
+    change = (c * east - d * north, d * east + c * north, aid[CHANGE + 2])
+    subtract_velocity_change(s, change, aid[DT], 2.0 * aid[DT], aid[SPEED])
     return True
 
 

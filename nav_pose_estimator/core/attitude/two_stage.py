@@ -101,15 +101,15 @@ def add_magnetic_field(s, mx, my, mz):
 
 
 @kernel
-def run(s, last_ns, stamps, gyro, accel, mag, anomaly, behind, said, out):
+def run(s, last_ns, stamps, gyro, accel, mag, anomaly, behind, aids, out):
     """Loop of :func:`step` and :func:`add_magnetic_field`; arguments as of ``core.attitude.complementary.run``."""
-    told = 0
+    used = 0
     for i in range(len(stamps)):
         dt = (stamps[i] - (stamps[i - 1] if i > 0 else last_ns)) * 1e-9
         step(s, dt, gyro[i, 0], gyro[i, 1], gyro[i, 2], accel[i, 0], accel[i, 1], accel[i, 2])
-        if told < len(behind) and behind[told] == i:
-            follow_navigator(s, said[told])
-            told += 1
+        if used < len(behind) and behind[used] == i:
+            follow_navigator(s, aids[used])
+            used += 1
         has_field = len(mag) > 0 and not math.isnan(mag[i, 0] + mag[i, 1] + mag[i, 2])
         if has_field:
             add_magnetic_field(s, mag[i, 0], mag[i, 1], mag[i, 2])

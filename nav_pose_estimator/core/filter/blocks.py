@@ -87,7 +87,7 @@ TABLE = tuple((block.index, block.size, block.nav) for block in BLOCKS)
 
 
 @dataclass(frozen=True, slots=True)
-class Wander:
+class GaussMarkov:
     """Process model of a block: random walk per root second and correlation time [s], for all states or one each."""
 
     walk: float | tuple[float, ...] = 0.0
@@ -108,10 +108,10 @@ def blocks_of(constants: Array) -> tuple[Block, ...]:
     return tuple(block for block in BLOCKS if constants[block.index] >= 0.0)
 
 
-def set_wander(constants: Array, block: Block, wander: Wander) -> None:
+def set_process(constants: Array, block: Block, process: GaussMarkov) -> None:
     """Set the process model of ``block`` in the filter of ``constants``."""
-    constants[block.psd] = np.square(wander.walk)
-    constants[block.rate] = np.divide(1.0, wander.tau)
+    constants[block.psd] = np.square(process.walk)
+    constants[block.rate] = np.divide(1.0, process.tau)
 
 
 def keep_blocks(constants: Array, before: Array) -> None:

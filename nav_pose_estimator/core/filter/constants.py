@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from nav_pose_estimator.core.filter.blocks import Block, Wander, set_blocks, set_wander
+from nav_pose_estimator.core.filter.blocks import Block, GaussMarkov, set_blocks, set_process
 from nav_pose_estimator.core.filter.layout import (
     ACCEL_BIAS_PSD,
     ACCEL_BIAS_RATE,
@@ -37,7 +37,7 @@ def make_constants(
     gap_rate_sd: float,
     gap_accel_sd: float,
     point_sampled: bool = False,
-    blocks: Mapping[Block, Wander] | None = None,
+    blocks: Mapping[Block, GaussMarkov] | None = None,
 ) -> Array:
     """The constants vector of ``core.filter.layout`` (CONSTANTS_SIZE,).
 
@@ -60,6 +60,6 @@ def make_constants(
     constants[POINT_SAMPLED] = float(point_sampled)
     blocks = blocks or {}
     set_blocks(constants, blocks)
-    for block, wander in blocks.items():
-        set_wander(constants, block, wander)
+    for block, process in blocks.items():
+        set_process(constants, block, process)
     return constants

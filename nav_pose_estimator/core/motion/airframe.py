@@ -14,8 +14,8 @@ from nav_pose_estimator.core.motion.vehicle_class import (
     MULTIROTOR,
     UNKNOWN,
     WHEELS,
+    classify,
     is_unlike,
-    tell_class,
 )
 from nav_pose_estimator.core.motion.windows import SECONDS
 
@@ -71,8 +71,8 @@ class TrainedNetwork:
 
 def air_velocity(weights: ConvLstm, form: str, window: Array) -> Array:
     """Air velocity in b (3,) [m/s] predicted by a network of this ``form``, limited to a plausible speed."""
-    said = weights.predict(window[:, : weights.channels])[:3]
-    return np.clip(said if form == VELOCITY else said / SECONDS, -_FASTEST, _FASTEST)
+    output = weights.predict(window[:, : weights.channels])[:3]
+    return np.clip(output if form == VELOCITY else output / SECONDS, -_FASTEST, _FASTEST)
 
 
 def control_of(weights: ConvLstm) -> ConvLstm:
@@ -140,10 +140,10 @@ class Beforehand:
         Where the motion clearly shows a flying class other than the stated one, the motion wins and the airframe is
         dropped. Motion on the ground is no evidence: a fixed wing taxies, and a multirotor is driven to its start.
         """
-        told = tell_class(epochs)
-        if self.is_class_known and (told not in FLYING or told == self.vehicle_class):
+        shown = classify(epochs)
+        if self.is_class_known and (shown not in FLYING or shown == self.vehicle_class):
             return self
-        return Beforehand(told)
+        return Beforehand(shown)
 
     def can_hover(self, epochs: Array) -> bool | None:
         """Whether the vehicle of the flight of ``epochs`` (N, COLUMNS or more) can hover; None: the flight decides.
@@ -152,10 +152,10 @@ class Beforehand:
         multirotor that only flies laps never does; in its first minute this cannot be decided yet, and it is assumed
         to be able to.
         """
-        told = self.by_flight(epochs).vehicle_class
-        if told == UNKNOWN:
+        shown = self.by_flight(epochs).vehicle_class
+        if shown == UNKNOWN:
             return False if is_unlike(MULTIROTOR, epochs) else None
-        if told != MULTIROTOR:
+        if shown != MULTIROTOR:
             return False
         return True if len(epochs) * me.PERIOD < _YOUNG else None
 

@@ -16,7 +16,7 @@ _STRANGE = 10.0  # factor on the noise of a prediction far from the training dat
 
 @kernel
 def doubt(novelty, x, cov, factor):
-    """Write the ``factor`` (N,) on the noise at inputs ``x`` (N, n): for extrapolation, and for poorly determined coefficients.
+    """Write the ``factor`` (N,) on the noise at inputs ``x`` (N, n), larger if far from data or coefficients are poor.
 
     ``novelty`` (N,) as ``Anfis.novelty``; ``cov`` (n + 1, n + 1): covariance of a linear law's coefficients of (x, 1).
     """

@@ -37,12 +37,12 @@ _USUAL = {MULTIROTOR: 0.48, FIXED_WING: 0.34, WHEELS: 0.12, BOAT: 0.06}
 """Prior probability of each class: most users fly drones."""
 
 
-def tell_class(epochs: Array) -> str:
-    """The class of the vehicle from aided epochs (N, COLUMNS or more), N may be zero; ``UNKNOWN`` where in doubt."""
-    return told_class(class_probabilities(epochs))
+def classify(epochs: Array) -> str:
+    """The class of a vehicle from aided epochs (N, COLUMNS or more), N may be zero; ``UNKNOWN`` where in doubt."""
+    return likely_class(class_probabilities(epochs))
 
 
-def told_class(probability: Mapping[str, float]) -> str:
+def likely_class(probability: Mapping[str, float]) -> str:
     """The class that has almost all of the ``probability``; ``UNKNOWN`` where none has."""
     likely = max(probability, key=lambda name: probability[name])
     return likely if probability[likely] >= _CERTAIN else UNKNOWN
@@ -65,7 +65,12 @@ def class_probabilities(epochs: Array) -> dict[str, float]:
 
 
 def _log_likelihoods(epochs: Array) -> dict[str, Array]:
-    """Log likelihood (N,) of each epoch, by class."""
+    """Log likelihood (N,) of each epoch, by class.
+
+    Means and deviations are of velocity [m/s] and specific force [m/s^2] in b, climb [m/s] and the upward direction in
+    b; they were set by hand on recorded flights. A multirotor's force along x and y is its drag, 0.25 1/s times the
+    velocity.
+    """
     vx, vy, vz = epochs[:, BODY_VELOCITY:VELOCITY].T
     fx, fy, climb = epochs[:, FORCE], epochs[:, FORCE + 1], epochs[:, VELOCITY + 2]
     ux, uy, _ = attitude(epochs)[:, 2].T

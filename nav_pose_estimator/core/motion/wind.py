@@ -22,6 +22,7 @@ Weigh = Callable[[Array], Array]
 WIND_TIME = 40.0  # s: correlation time of the wind's change
 _LAG = round(10.0 / PERIOD)  # epochs: residuals that are still correlated after this lag are wind
 _SMALLEST, _LARGEST = 0.03, 0.9  # bounds of the wind's variance as a fraction of the residual's mean square
+_FEW = 0.3  # that fraction where a flight is too short to show it
 _STEADY = 0.05  # least noise variance of a one-second mean as a fraction of the wind's variance
 _PASSES = 2  # of the least squares: with equal weights first, then with those of the residuals
 
@@ -42,7 +43,7 @@ def wind_spread(C: Array, residual: Array, weigh: Weigh = axis_weights) -> float
     scale = float(np.square(by_wind).sum(axis=(1, 2)).mean())
     square = float(np.square(along).sum(axis=1).mean()) / scale
     if len(along) <= 3 * _LAG:
-        return 0.3 * square
+        return _FEW * square
     alike = float(np.einsum("ni,ni->n", along[_LAG:], along[:-_LAG]).mean())
     expected = float(np.einsum("nij,nij->n", by_wind[_LAG:], by_wind[:-_LAG]).mean())
     return min(max(alike / expected, _SMALLEST * square), _LARGEST * square)

@@ -6,6 +6,9 @@ import numpy as np
 
 from nav_pose_estimator.core.numerics.jit import kernel
 
+MAD_TO_SD = 1.4826
+"""Standard deviation of a normal distribution over the median of its absolute deviations."""
+
 
 @kernel
 def about_median(points):

@@ -7,8 +7,7 @@ The plain names are kernels for one rotation, callable from Python and from othe
 Euler angles follow REP-103 (FLU body, ENU navigation frame): yaw about Up, counter-clockwise from East, then pitch,
 then roll. They are used for display and initial attitudes, never for integration.
 
-Sources: J. Sola, "Quaternion kinematics for the error-state Kalman filter" (2017), chapters 1 and 2;
-S. W. Shepperd, "Quaternion from rotation matrix", J. Guidance and Control 1(3), 1978.
+Source: J. Sola, "Quaternion kinematics for the error-state Kalman filter" (2017), chapters 1 and 2.
 """
 
 import math
@@ -51,15 +50,6 @@ def quat_from_rotvec(v):
 
 
 @kernel
-def rotvec_from_quat(q):
-    """Rotation vector (3,) [rad] of the unit quaternion ``q``, of length at most pi."""
-    sign = 1.0 if q[0] >= 0.0 else -1.0
-    length = math.sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    factor = 2.0 * sign * (math.atan2(length, sign * q[0]) / length if length > 1e-150 else 1.0)
-    return np.array((factor * q[1], factor * q[2], factor * q[3]))
-
-
-@kernel
 def quat_to_matrix(q):
     """Rotation matrix C (3, 3) of the unit quaternion ``q``."""
     columns = q_columns(q)
@@ -69,31 +59,6 @@ def quat_to_matrix(q):
         for i in range(3):
             C[i, j] = column[i]
     return C
-
-
-@kernel
-def quat_from_matrix(C):
-    """Unit quaternion (4,) with w >= 0 of the rotation matrix ``C`` (3, 3). The largest pivot is used (Shepperd)."""
-    trace = C[0, 0] + C[1, 1] + C[2, 2]
-    if trace > max(C[0, 0], C[1, 1], C[2, 2]):
-        q = np.array((1.0 + trace, C[2, 1] - C[1, 2], C[0, 2] - C[2, 0], C[1, 0] - C[0, 1]))
-    else:
-        i = 0
-        if C[1, 1] > C[0, 0]:
-            i = 1
-        if C[2, 2] > C[i, i]:
-            i = 2
-        j = (i + 1) % 3
-        k = (i + 2) % 3
-        q = np.empty(4)
-        q[0] = C[k, j] - C[j, k]
-        q[1 + i] = 1.0 + C[i, i] - C[j, j] - C[k, k]
-        q[1 + j] = C[i, j] + C[j, i]
-        q[1 + k] = C[i, k] + C[k, i]
-    if q[0] < 0.0:
-        for i in range(4):
-            q[i] = -q[i]
-    return quat_normalize(q)
 
 
 @kernel

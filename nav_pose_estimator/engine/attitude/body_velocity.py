@@ -47,5 +47,5 @@ class BodyVelocityInput:
 
 def _navigator_helps(memory: Memory) -> bool:
     """Whether the navigator provides the velocity change; its velocity already includes GNSS or this very sensor."""
-    said = memory.velocity
-    return said is not None and said.valid and (memory.last_ns or 0) - said.stamp_ns < _GAP_NS
+    velocity = memory.velocity
+    return velocity is not None and velocity.valid and (memory.last_ns or 0) - velocity.stamp_ns < _GAP_NS

@@ -191,19 +191,19 @@ class AttitudeEngine:
         field: np.ndarray,
         anomaly: float = math.inf,
         behind: np.ndarray = _NOWHERE,
-        said: np.ndarray = _NOTHING,
+        aids: np.ndarray = _NOTHING,
     ) -> np.ndarray:
         """Rows (N, BLOCK_COLUMNS) of the solution at accepted samples; ``field`` (N, 3) or (0, 3) in b.
 
         Fewer rows where a field differs by more than ``anomaly`` from the learned one; it belongs to the last row.
-        ``said`` (M, navigator_aid.SIZE): what a navigator says behind the samples ``behind`` (M,), in order of time.
+        ``aids`` (M, navigator_aid.SIZE) of a navigator take effect after the samples ``behind`` (M,), in order of time.
         """
         memory = self.memory
         if memory.last_ns is None:
             memory.last_ns = memory.started_ns = int(block.stamps_ns[0])
         rows = np.empty((len(block), at.BLOCK_COLUMNS))
         imu = block.stamps_ns, block.gyro, block.accel
-        done = self._kernels.run(memory.state, memory.last_ns, *imu, field, anomaly, behind, said, rows)
+        done = self._kernels.run(memory.state, memory.last_ns, *imu, field, anomaly, behind, aids, rows)
         memory.last_ns = int(block.stamps_ns[done - 1])
         return rows[:done]
 

@@ -47,15 +47,14 @@ class Memory:
 
 def take_velocity(sample: NavigatorVelocity, memory: Memory) -> list[Event]:
     """Pass the change of the vehicle's velocity since the last sample to the filter, which is not gravity."""
-    events, said = judge_velocity(sample, memory)
-    if said is not None and not follow_navigator(memory.state, np.array(said)):
+    events, aid = judge_velocity(sample, memory)
+    if aid is not None and not follow_navigator(memory.state, np.array(aid)):
         return [Event(sample.stamp_ns, "navigator_velocity.ignored.heading_unknown")]
     return events
 
 
 def judge_velocity(sample: NavigatorVelocity, memory: Memory) -> tuple[list[Event], list[float] | None]:
-    """Remember a velocity; returns the event of a rejection, and what the navigator says of its change since the last
-    one (``core.attitude.navigator_aid``), None if nothing."""
+    """Store a velocity; returns the event of a rejection, and the aid (``core.attitude.navigator_aid``) or None."""
     stamp, before = sample.stamp_ns, memory.velocity
     if not (is_within(sample.vel_enu, _LARGEST_SPEED) and is_within(sample.q_nb or (), _LARGEST_COMPONENT)):
         return [Event(stamp, "navigator_velocity.rejected.nan")], None

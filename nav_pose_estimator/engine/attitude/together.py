@@ -36,12 +36,12 @@ def feed_together(
     if fields and fields[0][0] == 0:
         outputs += engine.feed(fields[0][1])
     arrivals = {place: sample for place, sample in fields if place > 0}
-    behind, said = _judged(engine, velocities)
+    behind, aids = _judged(engine, velocities)
     field, done = _in_body(engine, arrivals, len(imu)), 0
     while done < len(imu):
         limit = -1.0 if memory.disturbed else DISTURBED  # while the field is disturbed, each sample causes an event
-        told = int(behind.searchsorted(done))
-        rows = engine.run(imu.part(done, None), field[done:], limit, behind[told:] - done, said[told:])
+        first = int(behind.searchsorted(done))
+        rows = engine.run(imu.part(done, None), field[done:], limit, behind[first:] - done, aids[first:])
         outputs.append(AttitudeBlock(imu.stamps_ns[done : done + len(rows)], rows))
         done += len(rows)
         if done in arrivals:
@@ -52,16 +52,16 @@ def feed_together(
 
 
 def _judged(engine: AttitudeEngine, velocities: Mapping[int, NavigatorVelocity]) -> tuple[np.ndarray, np.ndarray]:
-    """Indices (M,) of the IMU samples behind which the navigator says something, and what it says (M, SIZE)."""
-    behind, said = [], []
+    """Indices (M,) of the IMU samples after which the navigator aids the filter, and its aids (M, SIZE)."""
+    behind, aids = [], []
     for place, velocity in velocities.items():
-        events, change = judge_velocity(velocity, engine.memory)
+        events, aid = judge_velocity(velocity, engine.memory)
         for event in events:
             engine.note(event)
-        if change is not None:
+        if aid is not None:
             behind.append(place - 1)
-            said.append(change)
-    return np.array(behind, np.int64), np.array(said).reshape(-1, navigator_aid.SIZE)
+            aids.append(aid)
+    return np.array(behind, np.int64), np.array(aids).reshape(-1, navigator_aid.SIZE)
 
 
 def _in_body(engine: AttitudeEngine, fields: Mapping[int, MagSample], count: int) -> np.ndarray:

@@ -108,10 +108,7 @@ class ImuInput:
         if len(block) > _MANY:
             half = len(block) // 2
             return self.accept_block(block.part(0, half)) + self.accept_block(block.part(half, len(block)))
-        stamps, gyro, accel = block.stamps_ns.tolist(), block.gyro.tolist(), block.accel.tolist()
-        rows = zip(stamps, gyro, accel, strict=True)
-        items = (item for t, w, f in rows for item in self.accept(ImuSample(t, tuple(w), tuple(f))))
-        return _joined(items)
+        return _joined(item for sample in block.samples() for item in self.accept(sample))
 
     def _block_passes(self, block: ImuBlock) -> bool:
         """``_quiet_since`` in one compiled pass, for blocks in which no sensor repeats a sample, the usual case."""

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from nav_pose_estimator.core.numerics.axes import FRD_FLU
 from nav_pose_estimator.engine.parameters.imu import ImuParameters
 from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Vector3
 
@@ -13,7 +14,7 @@ def axes_matrix(parameters: ImuParameters) -> np.ndarray:
     """C_bs (3, 3) from published sensor axes (``convention``, then ``mounting_rpy``) to body axes FLU."""
     matrix = rotation_from_rpy(parameters.mounting_rpy)
     if parameters.convention == "frd":
-        matrix = matrix @ np.diag([1.0, -1.0, -1.0])
+        matrix = matrix @ np.diag(FRD_FLU)
     exact = np.round(matrix)  # quarter turns become exact, without rounding errors of 6e-17
     return np.where(np.abs(matrix - exact) < 1e-12, exact, matrix)
 

@@ -100,7 +100,7 @@ class ImuPhysics:
             return doubt
         self._seconds.append(second)
         found = plausibility.find(list(self._seconds), gyro_bias is not None) or self.motion.finding
-        self._tell(found, _LEAST < second.gravity < _MOST and self._lives(second), journal, stamp_ns)
+        self._report(found, _LEAST < second.gravity < _MOST and self._lives(second), journal, stamp_ns)
         shaken = self.vibration.second(second, is_aided or gyro_bias is None, journal, stamp_ns)
         self.motion.shakes = self.vibration.is_heavy
         return doubt if shaken is None else shaken if doubt is None else doubt.with_one_more(shaken)
@@ -122,7 +122,7 @@ class ImuPhysics:
         """Whether all axes change again after a finding of a dead axis; True after other findings."""
         return self._finding is None or self._finding.name != plausibility.DEAD_AXIS or all(second.spread)
 
-    def _tell(self, found: Finding | None, is_well: bool, journal: Journal, stamp_ns: int) -> None:
+    def _report(self, found: Finding | None, is_well: bool, journal: Journal, stamp_ns: int) -> None:
         before = self._finding
         if found is not None:
             self._well = 0

@@ -188,8 +188,8 @@ class ImuRules:
     def _event(self, stamp: int, name: str, text: str, level: Level = Level.WARN, **data: float) -> Event:
         """An event, with its sentence only the 1st, 10th, 100th ... time; events of a restart always have one."""
         self._seen[name] += 1
-        told = name in RESTARTS or math.log10(self._seen[name]).is_integer()
-        return Event(stamp, name, level if told else Level.DEBUG, text if told else "", data)
+        is_reported = name in RESTARTS or math.log10(self._seen[name]).is_integer()
+        return Event(stamp, name, level if is_reported else Level.DEBUG, text if is_reported else "", data)
 
 
 def _is_extreme(sample: ImuSample) -> bool:

@@ -58,7 +58,7 @@ class Vibration:
             self._charged = 0.0
         risen = not is_aided and force > max(_BEARABLE, _RISEN * self._known)
         risen_rate = not is_aided and rate > max(_BEARABLE_RATE, _RISEN * self._known_rate)
-        self._tell(second, risen or risen_rate, journal, stamp_ns)
+        self._report(second, risen or risen_rate, journal, stamp_ns)
         if risen:
             force_noise = _white(force, self._known, second.samples)
         else:
@@ -75,7 +75,7 @@ class Vibration:
         self._charged = bias
         return doubt
 
-    def _tell(self, second: ImuSecond, risen: bool, journal: Journal, stamp_ns: int) -> None:
+    def _report(self, second: ImuSecond, risen: bool, journal: Journal, stamp_ns: int) -> None:
         heavy = second.vibration > (0.7 * _HEAVY if self.is_heavy else _HEAVY)
         if heavy and not self.is_heavy:
             text = (

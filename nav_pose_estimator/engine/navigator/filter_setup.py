@@ -7,7 +7,15 @@ from numpy.typing import ArrayLike
 
 from nav_pose_estimator.core.alignment.types import Alignment
 from nav_pose_estimator.core.filter import bias_noise
-from nav_pose_estimator.core.filter.blocks import GNSS_ERROR, GRAVITY, GYRO_MATRIX, Block, Wander, enlarged, set_blocks
+from nav_pose_estimator.core.filter.blocks import (
+    GNSS_ERROR,
+    GRAVITY,
+    GYRO_MATRIX,
+    Block,
+    GaussMarkov,
+    enlarged,
+    set_blocks,
+)
 from nav_pose_estimator.core.filter.constants import make_constants
 from nav_pose_estimator.core.filter.gate import chi_square_quantile
 from nav_pose_estimator.core.filter.layout import DPOS
@@ -75,16 +83,16 @@ def complete_start(start: Alignment, constants: np.ndarray, parameters: Paramete
 
 def _blocks(
     parameters: Parameters, identified: NoiseIdentification, lasting: lasting_error.LastingPosition | None
-) -> dict[Block, Wander]:
+) -> dict[Block, GaussMarkov]:
     """Optional blocks that the filter has from the start; the gravity disturbance is constant."""
     chosen = (
         (parameters.navigator.gyro_matrix_states, GYRO_MATRIX, 1e-6),
         (parameters.navigator.gravity_states, GRAVITY, 0.0),
     )
-    blocks = {block: Wander(walk=walk) for is_there, block, walk in chosen if is_there}
+    blocks = {block: GaussMarkov(walk=walk) for is_there, block, walk in chosen if is_there}
     if parameters.gnss.error_states:
         variance = (lasting or lasting_error.LastingPosition(parameters.gnss)).variance
-        blocks[GNSS_ERROR] = lasting_error.wander(parameters.gnss, variance, identified)
+        blocks[GNSS_ERROR] = lasting_error.process(parameters.gnss, variance, identified)
     return blocks
 
 

@@ -53,7 +53,7 @@ def _again(run: FilterRun) -> FilterRun | None:
     start, journal = run.past.start, Journal()
     if start is None:
         return None
-    rows, heard = run.past.since(run)
+    rows, others = run.past.since(run)
     if np.diff(rows[:, at.IMU_T]).max(initial=0.0) > _LONGEST_GAP:
         return None
     twin = start.copy(journal)
@@ -62,7 +62,7 @@ def _again(run: FilterRun) -> FilterRun | None:
     twin.gnss.reception.velocities = now_known.velocities.in_hindsight(journal)
     twin.gnss.reception.velocity_scatter = deep_copy(now_known.velocity_scatter, {id(run.journal): journal})
     twin.imu_physics.motion.body = deep_copy(run.imu_physics.motion.body, {})
-    for now, sample in heard:
+    for now, sample in others:
         rows = _carry(twin, rows, now)
         if twin.failure:
             return None

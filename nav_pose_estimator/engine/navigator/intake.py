@@ -13,7 +13,7 @@ from nav_pose_estimator.core.earth.atmosphere import air_density, height_pressur
 from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter import memory
-from nav_pose_estimator.core.filter.blocks import blocks_of, enlarged, set_blocks, set_wander
+from nav_pose_estimator.core.filter.blocks import blocks_of, enlarged, set_blocks, set_process
 from nav_pose_estimator.engine.engine_clock import NS
 from nav_pose_estimator.engine.navigator import heading_trial, start_up, status
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
@@ -60,7 +60,7 @@ def take(run: FilterRun, sample: Sample) -> None:
     kind = type(sample)
     if kind not in _UNEVENTFUL:
         run.quiet_until = -math.inf
-    run.past.hear(run, sample)
+    run.past.record(run, sample)
     _HANDLERS[kind](run, sample)
 
 
@@ -169,7 +169,7 @@ def _give_blocks(run: FilterRun, aid: Aid) -> bool:
     constants = before.copy()
     set_blocks(constants, {*blocks_of(constants), *added})
     for block in added:
-        set_wander(constants, block, aid.blocks[block])
+        set_process(constants, block, aid.blocks[block])
     run.timeline.restart(constants, whole.nav, enlarged(whole.P, before, constants, added))
     return True
 

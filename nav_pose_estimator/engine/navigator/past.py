@@ -27,7 +27,7 @@ class _Start(NamedTuple):
 
     t: float
     run: FilterRun
-    heard: int
+    others: int
     seconds: int
 
 
@@ -36,29 +36,29 @@ class Past:
 
     def __init__(self) -> None:
         self._starts: list[_Start] = []
-        self._heard: list[tuple[float, Sample]] = []  # samples other than IMU, each with the time of the last IMU row
+        self._others: list[tuple[float, Sample]] = []  # samples other than IMU, each with the time of the last IMU row
         self._seconds: list[np.ndarray] = []  # blocks of IMU rows (N, 7)
         self._until = -math.inf  # s: time of the last of them
-        self._is_told = False  # whether a GNSS velocity has come since the last copy
+        self._has_velocity = False  # whether a GNSS velocity has come since the last copy
 
     def __deepcopy__(self, _memo: dict) -> Past:
         """A copy with its own lists of the same items, which are never written to."""
         twin = shallow_copy(self)
-        twin._starts, twin._heard, twin._seconds = list(self._starts), list(self._heard), list(self._seconds)
+        twin._starts, twin._others, twin._seconds = list(self._starts), list(self._others), list(self._seconds)
         return twin
 
     def __reduce__(self) -> tuple[type[Past], tuple[()]]:
         """Pickled as empty: a process that runs rehearsals does not need the past."""
         return Past, ()
 
-    def hear(self, run: FilterRun, sample: Sample) -> None:
+    def record(self, run: FilterRun, sample: Sample) -> None:
         """Record a ``sample`` other than IMU before it is processed."""
         if type(sample) is GnssVelocity:
             if not self._starts:
                 self._keep(run)
-            self._is_told = True
+            self._has_velocity = True
         if self._starts:
-            self._heard.append((run.now, sample))
+            self._others.append((run.now, sample))
 
     def second(self, run: FilterRun) -> None:
         """Record the IMU rows of the last second, and from time to time a copy of ``run``."""
@@ -66,7 +66,7 @@ class Past:
             return
         self._keep_rows(run)
         age = run.now - self._starts[-1].t
-        if not self._is_told:  # no velocity has come that could be wrong
+        if not self._has_velocity:  # no velocity has come that could be wrong
             if age > _LONGEST:
                 self.forget()
             return
@@ -86,11 +86,11 @@ class Past:
         """Input of ``run`` since ``start``: IMU rows (N, 7), and other samples with the time [s] of the row before."""
         self._keep_rows(run)
         first = self._starts[0]
-        return np.concatenate(self._seconds[first.seconds :]), self._heard[first.heard :]
+        return np.concatenate(self._seconds[first.seconds :]), self._others[first.others :]
 
     def forget(self) -> None:
         """Drop everything."""
-        self._starts, self._heard, self._seconds = [], [], []
+        self._starts, self._others, self._seconds = [], [], []
 
     def _keep_rows(self, run: FilterRun) -> None:
         rows = run.timeline.rows_since(self._until)
@@ -103,15 +103,15 @@ class Past:
         # ``go_back`` gives the copy the present knowledge of velocities in place of these
         twin = run.copy(Journal(), shared=(run.gnss.reception.velocities, run.imu_physics.motion.body))
         twin.past = Past()
-        self._is_told = False
-        self._starts.append(_Start(run.now, twin, len(self._heard), len(self._seconds)))
+        self._has_velocity = False
+        self._starts.append(_Start(run.now, twin, len(self._others), len(self._seconds)))
 
     def _drop_first(self) -> None:
         if len(self._starts) < 3:
             return
         _, second, *later = self._starts
-        del self._heard[: second.heard], self._seconds[: second.seconds]
+        del self._others[: second.others], self._seconds[: second.seconds]
         self._starts = [
-            one._replace(heard=one.heard - second.heard, seconds=one.seconds - second.seconds)
+            one._replace(others=one.others - second.others, seconds=one.seconds - second.seconds)
             for one in (second, *later)
         ]

@@ -14,7 +14,7 @@ import numpy as np
 
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.airframe import Beforehand
-from nav_pose_estimator.core.motion.vehicle_class import UNKNOWN, class_probabilities, told_class
+from nav_pose_estimator.core.motion.vehicle_class import UNKNOWN, class_probabilities, likely_class
 from nav_pose_estimator.core.numerics.snapshot import snapshot
 from nav_pose_estimator.engine.outage.airframe_file import load_airframe
 from nav_pose_estimator.engine.outage.epochs import FlightMemory
@@ -47,7 +47,9 @@ class LearnerState:
     next_s: float = 0.0  # time of the next training [s]
     result: TrainingResult | None = None  # a finished training that has not taken effect yet
     look_s: float = 0.0  # time of the next classification of the vehicle [s]
-    told: dict[str, float] = field(default_factory=dict)  # probabilities of the vehicle's class, for diagnostics
+    class_figures: dict[str, float] = field(
+        default_factory=dict
+    )  # probabilities of the vehicle's class, for diagnostics
     shown_class: str = ""  # class shown by the flight, where it contradicts the one known beforehand
 
 
@@ -93,8 +95,8 @@ class OutageLearner:
     def _look_at_class(self) -> None:
         state, known = self.state, self.method.beforehand.vehicle_class
         probability = class_probabilities(state.memory.last(self._parameters.window))
-        state.told = {f"learner.class.{name}": p for name, p in probability.items()}
-        shown = told_class(probability)
+        state.class_figures = {f"learner.class.{name}": p for name, p in probability.items()}
+        shown = likely_class(probability)
         state.shown_class = shown if UNKNOWN not in (known, shown) and shown != known else ""
 
     def job(self) -> TrainingJob | None:
@@ -135,7 +137,10 @@ class OutageLearner:
     def scores(self) -> dict[str, float]:
         """Values for diagnostics."""
         state = self.state
-        scores = {"learner.flight_s": state.memory.seconds, "learner.trainings": float(state.trainings)} | state.told
+        scores = {
+            "learner.flight_s": state.memory.seconds,
+            "learner.trainings": float(state.trainings),
+        } | state.class_figures
         return scores if state.model is None else scores | self.method.scores(state.model)
 
     def arrays(self) -> dict[str, np.ndarray]:

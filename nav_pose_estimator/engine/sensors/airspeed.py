@@ -17,7 +17,7 @@ from typing import ClassVar
 import numpy as np
 
 from nav_pose_estimator.core.filter import measurements
-from nav_pose_estimator.core.filter.blocks import AIRSPEED, WIND, Block, Wander
+from nav_pose_estimator.core.filter.blocks import AIRSPEED, WIND, Block, GaussMarkov
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import FilterView, Kind, Observation
 from nav_pose_estimator.engine.parameters import Parameters
@@ -39,7 +39,7 @@ class AirspeedSensor(Aid):
     kind = Kind("airspeed")
     sample, family = Airspeed, "airspeed"
     bounds_drift = True
-    blocks: ClassVar[dict[Block, Wander]] = {WIND: Wander(walk=0.02), AIRSPEED: Wander(walk=1e-4)}
+    blocks: ClassVar[dict[Block, GaussMarkov]] = {WIND: GaussMarkov(walk=0.02), AIRSPEED: GaussMarkov(walk=1e-4)}
 
     def __init__(self, parameters: Parameters, aiding: Aiding, journal: Journal) -> None:
         super().__init__(parameters, aiding, journal)

@@ -10,7 +10,7 @@ import numpy as np
 from nav_pose_estimator.core.earth.atmosphere import height_pressure, pressure_height, water_height
 from nav_pose_estimator.core.earth.ellipsoid import gravity
 from nav_pose_estimator.core.filter import measurements
-from nav_pose_estimator.core.filter.blocks import DEPTH, Block, Wander
+from nav_pose_estimator.core.filter.blocks import DEPTH, Block, GaussMarkov
 from nav_pose_estimator.core.filter.layout import ALT, DPOS, LAT
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import GATED, LEFT_OUT, Decision, FilterView, Kind, Observation, Use
@@ -93,7 +93,7 @@ class Barometer(Aid):
             was = self._frozen.verdict
             self._frozen.note(t, height)
             if self._frozen.verdict != was:
-                self._tell_frozen(sample, was == FROZEN)
+                self._report_frozen(sample, was == FROZEN)
         if not self._enabled or self._frozen.verdict or not self._pacer.passes(t, self._period):
             return None
         if not is_valid:
@@ -149,7 +149,7 @@ class Barometer(Aid):
         self._offset, self._since, self.offset_variance = offset, -self._tau, variance
         self.least_sd = least_sd
 
-    def _tell_frozen(self, sample: PressureSample, was_frozen: bool) -> None:
+    def _report_frozen(self, sample: PressureSample, was_frozen: bool) -> None:
         """Events of the begin and end of a frozen barometer: it repeats a value for longer than ever before."""
         is_frozen = self._frozen.verdict == FROZEN
         if is_frozen and not was_frozen:
@@ -214,7 +214,7 @@ class DepthSensor(Aid):
 
     kind = Kind("depth", quiet=True)
     sample, family = WaterPressure, "depth"
-    blocks: ClassVar[dict[Block, Wander]] = {DEPTH: Wander(walk=2e-3)}
+    blocks: ClassVar[dict[Block, GaussMarkov]] = {DEPTH: GaussMarkov(walk=2e-3)}
 
     def __init__(self, parameters: Parameters, aiding: Aiding, journal: Journal) -> None:
         super().__init__(parameters, aiding, journal)

@@ -16,7 +16,7 @@ import numpy as np
 from nav_pose_estimator.core.beams.delay import velocity_at
 from nav_pose_estimator.core.beams.judge import GATE, GATED, LOST, USED, BeamJudge, Judged
 from nav_pose_estimator.core.filter import measurements
-from nav_pose_estimator.core.filter.blocks import DVL, DVL_DELAY, Block, Wander
+from nav_pose_estimator.core.filter.blocks import DVL, DVL_DELAY, Block, GaussMarkov
 from nav_pose_estimator.core.filter.measurements import BEAMS
 from nav_pose_estimator.engine.imu.mounting import rotation_from_rpy
 from nav_pose_estimator.engine.journal import Journal
@@ -44,9 +44,9 @@ class BeamVelocitySensor(Aid):
     kind = Kind("beam_velocity", holds=True)
     sample, family = BeamVelocitySample, "beam_velocity"
     bounds_drift = True
-    blocks: ClassVar[dict[Block, Wander]] = {
-        DVL: Wander((3e-5,) * BEAMS + (1e-5,) + (1e-6,) * 3),
-        DVL_DELAY: Wander(1e-3),
+    blocks: ClassVar[dict[Block, GaussMarkov]] = {
+        DVL: GaussMarkov((3e-5,) * BEAMS + (1e-5,) + (1e-6,) * 3),
+        DVL_DELAY: GaussMarkov(1e-3),
     }
 
     def __init__(self, parameters: Parameters, aiding: Aiding, journal: Journal) -> None:
@@ -93,13 +93,13 @@ class BeamVelocitySensor(Aid):
         beams = self._reader.read(sample, self._floor)
         if isinstance(beams, Flaw):
             name = f"{self.family}.rejected.{beams.reason}"
-            self._say_once(sample.stamp_ns, name, Level.WARN, f"beam velocities not used: {beams.text}")
+            self._report_once(sample.stamp_ns, name, Level.WARN, f"beam velocities not used: {beams.text}")
             return None
         if np.isnan(beams.velocities).all():
             return self._refuse("lost")
         return Observation(t - self._delay, sample.stamp_ns, self.kind, beams)
 
-    def _say_once(self, stamp_ns: int, name: str, level: Level, text: str) -> None:
+    def _report_once(self, stamp_ns: int, name: str, level: Level, text: str) -> None:
         """An event the first time; later ones are only counted."""
         if name in self._reported:
             self._journal.count(name)
@@ -128,7 +128,7 @@ class BeamVelocitySensor(Aid):
             self._refuse("contradicts")
             return LEFT_OUT
         if not (gnss_is_good or self._agreement.is_proven):
-            self._say_once(o.stamp_ns, *words.UNPROVEN)
+            self._report_once(o.stamp_ns, *words.UNPROVEN)
             return LEFT_OUT
         self._report(o, verdicts, arranged.are_beams)
         variances = judged.variance.tolist()
@@ -151,7 +151,7 @@ class BeamVelocitySensor(Aid):
             navigator = velocity_at(f.nav, self._lever), deviation_of(f, self._rpy_sd)
         event = self._verification.add(o.measured, self._arrangement, navigator, math.sqrt(self._floor))
         if event is not None:
-            self._say_once(o.stamp_ns, *event)
+            self._report_once(o.stamp_ns, *event)
 
     def _rows(self, arranged: Arranged, change: np.ndarray, f: FilterView) -> tuple[np.ndarray, np.ndarray]:
         blocks = int(f.constants[DVL.index]), int(f.constants[DVL_DELAY.index])
@@ -175,7 +175,7 @@ class BeamVelocitySensor(Aid):
             event = self._verification.contradiction(delay) if contradicts else words.AGREES
             self._journal.say(o.stamp_ns, *event)
         elif self._agreement.is_proven and (late := self._delays.missing):
-            self._say_once(o.stamp_ns, *words.delayed(self._delay + late, self._delays.sd))
+            self._report_once(o.stamp_ns, *words.delayed(self._delay + late, self._delays.sd))
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
         """The rows of the beams that the decision names."""

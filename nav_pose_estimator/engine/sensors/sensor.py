@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from nav_pose_estimator.core.filter.blocks import Block, Wander
+from nav_pose_estimator.core.filter.blocks import Block, GaussMarkov
 from nav_pose_estimator.core.filter.measurement_noise import MODELS, NoiseModel
 from nav_pose_estimator.core.numerics.snapshot import snapshot
 from nav_pose_estimator.engine.journal import Journal
@@ -89,7 +89,7 @@ class Aid(Sensor):
     family: ClassVar[str]
     """First word of its counters (``mag.rejected.value``)."""
 
-    blocks: ClassVar[dict[Block, Wander]] = {}
+    blocks: ClassVar[dict[Block, GaussMarkov]] = {}
     """Blocks of states that the filter is extended by at its first observation, with their process models."""
     first_sd: dict[Block, float | tuple[float, ...]]
     """Their initial deviations, one for all states of a block or one each; a block without an entry is not added."""

@@ -18,7 +18,7 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from typing import Any
 
-from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.errors import UserError, described
 
 LOCAL = "local"
 _ATTEMPTS = 2  # attempts at a job that was running when a process died, which another job may have caused
@@ -122,7 +122,7 @@ def _on_cluster(work: Callable[[Any], Any], jobs: Sequence[Any], address: str) -
         waiting = {client.submit(_attempt, work, job, pure=False): number for number, job in enumerate(jobs)}
         for future in as_completed(list(waiting)):
             lost = future.exception()  # of the cluster; exceptions of ``work`` are outcomes
-            yield waiting[future], Failure(f"{type(lost).__name__}: {lost}", False) if lost else future.result()
+            yield waiting[future], Failure(described(lost), False) if lost else future.result()
             future.release()
 
 
@@ -132,4 +132,4 @@ def _attempt(work: Callable[[Any], Any], job: Any) -> Any | Failure:
     except UserError as error:
         return Failure(str(error), expected=True)
     except Exception as error:
-        return Failure(f"{type(error).__name__}: {error}", expected=False)
+        return Failure(described(error), expected=False)

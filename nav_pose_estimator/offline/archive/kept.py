@@ -11,6 +11,7 @@ from typing import Any
 
 from nav_pose_estimator import __version__
 from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.whole_file import replacing
 
 
 class KeptResults:
@@ -35,9 +36,8 @@ class KeptResults:
     def keep(self, key: str, result: Any) -> None:
         """Store a result atomically."""
         self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        unfinished = self.folder / f"{key}.{os.getpid()}"
-        unfinished.write_bytes(pickle.dumps(result))
-        unfinished.replace(self.folder / key)
+        with replacing(self.folder / key) as unfinished:
+            unfinished.write_bytes(pickle.dumps(result))
 
     def forget(self) -> None:
         """Remove all stored results at the end of the run."""

@@ -35,7 +35,7 @@ class McapFile:
     def __init__(self, path: Path) -> None:
         """Scan the file. Raises ``BagError`` if it is not an MCAP file."""
         self.path = path
-        self._told: list[str] = []
+        self._warnings: list[str] = []
         self._left_out: dict[int, tuple[str, float]] = {}  # offset of a damaged chunk -> why, seconds in it
         self._bad_records = 0
         self._directory = mcap.Directory()
@@ -60,15 +60,15 @@ class McapFile:
     @property
     def warnings(self) -> list[str]:
         """Sentences about damage found so far; reading can add some."""
-        told = list(self._told)
+        found = list(self._warnings)
         for why in dict.fromkeys(why for why, _ in self._left_out.values()):
             mine = [(offset, seconds) for offset, (reason, seconds) in self._left_out.items() if reason == why]
             many = "a damaged chunk was" if len(mine) == 1 else f"{len(mine)} damaged chunks were"
             lost = sum(seconds for _, seconds in mine)
-            told.append(f"{self.path.name}: {many} left out, about {lost:.1f} s of data ({why}; byte {min(mine)[0]})")
+            found.append(f"{self.path.name}: {many} left out, about {lost:.1f} s of data ({why}; byte {min(mine)[0]})")
         if self._bad_records:
-            told.append(f"{self.path.name}: {self._bad_records} damaged records were left out")
-        return told
+            found.append(f"{self.path.name}: {self._bad_records} damaged records were left out")
+        return found
 
     @property
     def span(self) -> tuple[int, int] | None:
@@ -116,7 +116,7 @@ class McapFile:
                 return
             whole = start + length <= size
             if not whole:
-                self._told.append(f"{self.path.name} breaks off: {size - position} bytes of an unfinished record")
+                self._warnings.append(f"{self.path.name} breaks off: {size - position} bytes of an unfinished record")
             try:
                 if opcode == mcap.CHUNK:
                     _release(data)
@@ -129,7 +129,7 @@ class McapFile:
                 self._bad_records += 1
             position = start + length
         if position == size and not self._directory.statistics:
-            self._told.append(f"{self.path.name} has no end marker: the recording was not closed")
+            self._warnings.append(f"{self.path.name} has no end marker: the recording was not closed")
 
     def _note(self, opcode: int, start: int, length: int) -> None:
         if opcode in (mcap.SCHEMA, mcap.CHANNEL, mcap.MESSAGE_INDEX, mcap.STATISTICS):

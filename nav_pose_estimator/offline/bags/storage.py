@@ -67,10 +67,10 @@ class Bag:
     @property
     def warnings(self) -> list[str]:
         """Sentences about damage and assumptions so far; reading can add some."""
-        told = self._warnings + [text for file in self._files for text in file.warnings]
+        found = self._warnings + [text for file in self._files for text in file.warnings]
         if self._damaged_messages:
-            told.append(f"{self._damaged_messages} compressed messages cannot be unpacked and were left out")
-        return told
+            found.append(f"{self._damaged_messages} compressed messages cannot be unpacked and were left out")
+        return found
 
     def close(self) -> None:
         """Close the files and remove temporary copies."""

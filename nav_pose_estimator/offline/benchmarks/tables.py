@@ -1,6 +1,7 @@
 """Common functions of the benchmarks: names in an option, and tables in files."""
 
 import csv
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -30,6 +31,18 @@ def write_csv(path: Path, rows: Sequence[Any], form: str, left_out: Collection[s
         for row in rows:
             values = [getattr(row, name) for name in names]
             writer.writerow([format(value, form) if isinstance(value, float) else value for value in values])
+
+
+def number(value: float, digits: int = 1) -> str:
+    """A number for a cell; a dash where it is unknown, "never" for a time that did not come."""
+    if math.isnan(value):
+        return "–"
+    return "never" if math.isinf(value) else f"{value:.{digits}f}"
+
+
+def percent(share: float, digits: int = 0) -> str:
+    """A share for a cell, in per cent; a dash where it is unknown."""
+    return "–" if math.isnan(share) else f"{100.0 * share:.{digits}f} %"
 
 
 def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

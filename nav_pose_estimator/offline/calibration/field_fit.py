@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
+from nav_pose_estimator.core.numerics.order import MAD_TO_SD
 from nav_pose_estimator.core.numerics.rotation import quat_from_rotvec, quat_to_matrix
 from nav_pose_estimator.offline.calibration.field_pairs import LAG, FieldPairs
 
@@ -78,13 +79,13 @@ def fit_field(pairs: FieldPairs) -> FieldFit:
         found = least_squares(_residuals, start, args=(pairs, axes, noise), loss="soft_l1")
         start = found.x
         data = _residuals(found.x, pairs, axes, 1.0)[: -len(_PRIOR_SD)]
-        noise = max(1.4826 * float(np.median(np.abs(data))), 0.05) * math.sqrt(_OVERLAP)
+        noise = max(MAD_TO_SD * float(np.median(np.abs(data))), 0.05) * math.sqrt(_OVERLAP)
     h, shape, turn, strength = _unpacked(found.x)
     covariance = np.linalg.inv(found.jac.T @ found.jac)
     sd = np.sqrt(covariance.diagonal())
     mirror = bool(np.linalg.det(axes) < 0.0)
     flip = np.diag([1.0, 1.0, -1.0]) if mirror else np.eye(3)
-    fit = FieldFit(
+    return FieldFit(
         hard_iron=h,
         soft_iron=flip @ shape,
         rotation=turn @ axes @ flip,
@@ -97,7 +98,6 @@ def fit_field(pairs: FieldPairs) -> FieldFit:
         before_deg=_direction_error(pairs, np.eye(3), np.zeros(3)),
         after_deg=_direction_error(pairs, turn @ axes @ shape, h),
     )
-    return fit
 
 
 def _ways() -> list[np.ndarray]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from nav_pose_estimator.core.alignment.levelling import STANDARD_GRAVITY
+from nav_pose_estimator.core.numerics.units import STANDARD_GRAVITY
 from nav_pose_estimator.engine.samples import ImuBlock
 
 _WINDOW = 2.0  # s: length of the windows

@@ -4,15 +4,10 @@ from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from nav_pose_estimator.offline.flights.recording import sidecar
+from nav_pose_estimator.offline.sidecar import flight_name, sidecar
 
 GROUP_KEY = "group"
 """Key in NAME.json of the group of a recording."""
-
-
-def flight_name(bag: Path) -> str:
-    """NAME of NAME_bag or NAME.ulg."""
-    return bag.stem.removesuffix("_bag")
 
 
 def groups_of(bags: Sequence[Path], patterns: Sequence[str] = ()) -> dict[str, str]:

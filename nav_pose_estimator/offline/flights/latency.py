@@ -37,7 +37,10 @@ RESOLUTION = 0.004  # s: tolerance of the minimisation
 MIN_DATA = 20.0  # s of data that are needed
 SETTLE = 15.0  # s after the start of the filter in which innovations do not count
 CORRELATION = 2.0  # s: correlation time of the innovations
-MOVING, LASTING = 2.0, 50  # m/s, and number of fixes: the vehicle moves from where most of so many are faster
+MOVING, LASTING, MOST = 2.0, 50, 0.6  # m/s, fixes: the vehicle moves from where this part of so many is faster
+BESIDE = 0.1  # s: how far from the best latency the rise of the innovations is measured
+FRESH = 0.1  # s: a fix that is farther ahead of the solution is not compared with it
+FEW = 20  # innovations: with no more than these there is no estimate
 RUN_UP_NS = 40 * 10**9  # data before the motion, for the filter to start on
 WEAK = 0.02  # s: standard deviation above which the minimum is weak
 COMPASS_NS = 200_000_000  # interval to which magnetometer samples are decimated
@@ -61,7 +64,7 @@ class Latency:
     def sd(self) -> float:
         """Standard deviation of the estimate [s] by the curvature of the likelihood of Gaussian innovations."""
         information = 2.0 * self.seconds / CORRELATION * self.rise
-        return 0.1 / math.sqrt(information) if information > 0.0 else math.inf
+        return BESIDE / math.sqrt(information) if information > 0.0 else math.inf
 
     @property
     def weak(self) -> bool:
@@ -86,9 +89,11 @@ def estimate(recording: Recording, parameters: Parameters, until: float = math.i
 
     if not math.isfinite(trial(coarse)):
         raise UserError("the latency cannot be estimated: the filter had too few fixes before the first outage")
-    found = minimize_scalar(trial, bounds=(coarse - 0.1, coarse + 0.1), method="bounded", options={"xatol": RESOLUTION})
+    found = minimize_scalar(
+        trial, bounds=(coarse - BESIDE, coarse + BESIDE), method="bounded", options={"xatol": RESOLUTION}
+    )
     best = round(float(found.x), 4)
-    rise = 0.5 * (trial(best - 0.1) + trial(best + 0.1)) / max(trial(best), 1e-9) - 1.0
+    rise = 0.5 * (trial(best - BESIDE) + trial(best + BESIDE)) / max(trial(best), 1e-9) - 1.0
     trials = np.array(sorted(cost))
     return Latency(best, rise, trials, np.array([cost[t] for t in trials.tolist()]), stream.seconds)
 
@@ -207,7 +212,7 @@ class _Stream:
             return recording.epoch_ns
         moving = np.array([math.hypot(*v.vel_enu[:2]) > MOVING for v in early])
         # a receiver on the ground may have single jumps, so that most of the next fixes must be moving
-        lasting = np.convolve(moving, np.ones(LASTING), "full")[LASTING - 1 :] > 0.6 * LASTING
+        lasting = np.convolve(moving, np.ones(LASTING), "full")[LASTING - 1 :] > MOST * LASTING
         first = int(np.argmax(lasting)) if lasting.any() else 0
         return max(recording.epoch_ns, early[first].stamp_ns - RUN_UP_NS)
 
@@ -220,14 +225,14 @@ class _Stream:
         for sample in self._merged(round(delay * 1e9)):
             if isinstance(sample, judged) and len(rows) == 2 and last_ns > first_ns + round(SETTLE * 1e9):
                 ahead = (sample.stamp_ns - last_ns) * 1e-9
-                if ahead < 0.1:
+                if ahead < FRESH:
                     errors.append(_innovation(sample, rows, ahead))
             for output in engine.feed(sample):
                 if isinstance(output, NavBlock):
                     rows = np.vstack([rows[-1:], output.rows[-2:]])[-2:]
                     last_ns = int(output.stamps_ns[-1])
                     first_ns = first_ns or last_ns
-        return math.sqrt(np.mean(np.square(errors))) if len(errors) > 20 else math.inf
+        return math.sqrt(np.mean(np.square(errors))) if len(errors) > FEW else math.inf
 
     def _merged(self, delay_ns: int) -> list[Sample]:
         """All samples in order of time, GNSS at its time of validity."""

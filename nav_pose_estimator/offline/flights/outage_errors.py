@@ -47,7 +47,7 @@ def judge(
     magnitude of the vertical errors, and ``end_sigma_m`` the filter's mean horizontal sigma, over the same fixes as
     ``end_error_m``.
     """
-    times = fix_times[(fix_times >= outage.start) & (fix_times < outage.end)]
+    times = fix_times[outage.contains(fix_times)]
     at_end = times >= outage.end - END_WINDOW
     travelled = reference.travelled(outage.start, outage.end)
     if not at_end.any():

@@ -11,6 +11,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
+import numpy as np
+
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample, SatelliteCount
 from nav_pose_estimator.errors import UserError
 
@@ -35,6 +37,10 @@ class Outage:
     @property
     def end(self) -> float:
         return self.start + self.length
+
+    def contains(self, t: np.ndarray) -> np.ndarray:
+        """Whether the times ``t`` (N,) [s since the bag's first stamp] are inside: (N,) bool."""
+        return (t >= self.start) & (t < self.end)
 
 
 def parse_outage(text: str) -> Outage:

@@ -1,6 +1,5 @@
 """A recording: its samples in order, the true motion, which is withheld from estimators, and data from NAME.json."""
 
-import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
@@ -18,6 +17,7 @@ from nav_pose_estimator.offline.damaged_input import reading
 from nav_pose_estimator.offline.flights.survey import Contents, Survey
 from nav_pose_estimator.offline.flights.tracks import Reference, gnss_reference
 from nav_pose_estimator.offline.flights.truth import TruthRecorder
+from nav_pose_estimator.offline.sidecar import flight_name, sidecar
 
 HELD_BYTES = 24 << 20
 """Memory for the samples of a short bag, which is read once: 15 minutes of a 200 Hz IMU with all sensors."""
@@ -48,8 +48,8 @@ class Recording:
 
     @property
     def name(self) -> str:
-        """Name of the flight: that of the bag without its ending."""
-        return self.path.stem.removesuffix("_bag")
+        """Name of the flight."""
+        return flight_name(self.path)
 
     @property
     def held(self) -> list[Sample]:
@@ -181,38 +181,10 @@ def _load_bag(
     )
 
 
-def sidecar_path(path: Path) -> Path:
-    """NAME.json beside NAME_bag (or NAME.mcap)."""
-    return path.resolve().with_name(path.resolve().stem.removesuffix("_bag") + ".json")
-
-
-def sidecar(path: Path) -> dict:
-    """Content of ``sidecar_path``, empty if it does not exist; ``BagError`` for invalid content."""
-    beside = sidecar_path(path)
-    if not beside.is_file():
-        return {}
-    try:
-        content = json.loads(beside.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise BagError(f"{beside} is not valid JSON ({error})") from None
-    if not isinstance(content, dict):
-        return {}
-    content = {name: value for name, value in content.items() if value is not None}
-    bag = content.get("bag", {})
-    values = [content.get("gnss_latency_est_s", 0.0), bag.get("stamp_offset_s", 0.0) if isinstance(bag, dict) else None]
-    window = content.get("flight_window_s", [0.0, 0.0])
-    values += window if isinstance(window, list) and len(window) == 2 else [None]
-    if not all(isinstance(value, (int, float)) and abs(value) < 1e12 for value in values):  # false for NaN
-        raise BagError(
-            f"{beside}: gnss_latency_est_s and bag.stamp_offset_s must be numbers, flight_window_s two of them"
-        )
-    return content
-
-
 def _epoch(path: Path, survey: Survey, reader: BagReader) -> int:
     if not survey.imu_count:
-        told = [*(event.text for event in reader.events), *reader.bag.warnings]
-        why = next((f": {text}" for text in told if text), "")
+        reasons = [*(event.text for event in reader.events), *reader.bag.warnings]
+        why = next((f": {text}" for text in reasons if text), "")
         raise BagError(f"{path} holds no readable IMU message{why}")
     if survey.epoch_ns is None:
         raise BagError(f"{path}: every IMU message has the stamp zero; the driver must fill header.stamp")

@@ -45,25 +45,25 @@ class TruthRecorder:
         if self._unreadable or not self._stamps:
             return None, [f"the messages on {name} cannot be read or differ in length: judged against GNSS instead"]
         t = (np.concatenate(self._stamps) - epoch_ns) * 1e-9
-        told = self._rows.table()
+        odometry = self._rows.table()
         origin, assumed = _origin(reader), []
         if origin is None:
-            origin = _fitted_origin(t, told[:, :3], gnss, epoch_ns)
+            origin = _fitted_origin(t, odometry[:, :3], gnss, epoch_ns)
             assumed = [f"{TRUTH_ORIGIN} is not in the bag: the origin of {name} was fitted to the fixes"]
             if origin is None:
                 return None, [f"{name} has no origin and there are no fixes: nothing to judge against"]
-        rows = _on_earth(told, origin)
+        rows = _on_earth(odometry, origin)
         return Reference("ground truth", t, rows[:, :3], rows[:, 3:6], rows[:, 6:]), assumed
 
 
-def _on_earth(told: np.ndarray, origin: Origin) -> np.ndarray:
+def _on_earth(odometry: np.ndarray, origin: Origin) -> np.ndarray:
     """Rows (N, 10): latitude, longitude [rad], height [m]; velocity ENU [m/s]; quaternion, scalar first."""
     store = RowStore(10)
-    for part in pieces(len(told)):
-        enu, orientation, velocity = np.split(told[part], (3, 7), axis=1)
+    for part in pieces(len(odometry)):
+        enu, orientation, velocity = np.split(odometry[part], (3, 7), axis=1)
         q_nb = orientation[:, [3, 0, 1, 2]]
         store.append(np.column_stack([*enu_to_lla(enu, *origin), quat_rotate_many(q_nb, velocity), q_nb]))
-        release(told)
+        release(odometry)
     return store.table()
 
 

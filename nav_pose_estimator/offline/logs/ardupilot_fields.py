@@ -5,7 +5,9 @@ Sources: LogStructure.h and Log.cpp of ArduPilot through its versions; https://a
 
 import numpy as np
 
+from nav_pose_estimator.core.alignment.types import VERTICAL_SHARE
 from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla
+from nav_pose_estimator.core.numerics.axes import FRD_FLU
 from nav_pose_estimator.core.numerics.rotation import quat_from_euler_many
 from nav_pose_estimator.offline.flights.tracks import Reference, displacement_enu
 from nav_pose_estimator.offline.logs import sensors
@@ -16,7 +18,6 @@ from nav_pose_estimator.offline.logs.sensors import Array, Gnss, Imu, LogSensors
 
 RANGE_ERROR = 2.0
 """Standard deviation of a pseudorange [m]; that of the position is its product with the DOP. For logs without GPA."""
-VERTICAL_SHARE = 1.7  # ratio of VDOP to HDOP, where only the latter is logged
 _FIX_3D = 3  # GPS.Status
 _UNDEFINED_HDOP = 90.0  # receivers send 99.99 for unknown
 _ARMED, _DISARMED = 10, 11  # EV.Id
@@ -159,8 +160,8 @@ def _armed(log: LogTables) -> list[tuple[int, int]] | None:
     if table is None or not table.has("Id"):
         return None
     event = table.number("Id")
-    told = (event == _ARMED) | (event == _DISARMED)
-    return _closed(log, sensors.armed_spans(table.time_us[told], event[told] == _ARMED)) if told.any() else None
+    arming = (event == _ARMED) | (event == _DISARMED)
+    return _closed(log, sensors.armed_spans(table.time_us[arming], event[arming] == _ARMED)) if arming.any() else None
 
 
 def _closed(log: LogTables, spans: list[tuple[int, int]] | None) -> list[tuple[int, int]] | None:
@@ -178,7 +179,7 @@ def _antenna(log: LogTables) -> tuple[float, float, float] | None:
         - log.parameters.get(f"INS_POS1_{axis}", 0.0)
         for axis in "XYZ"
     ]
-    return tuple((np.array(values) * sensors.FLU_FROM_FRD).tolist()) if any(values) else None
+    return tuple((np.array(values) * FRD_FLU).tolist()) if any(values) else None
 
 
 def _opinion(log: LogTables, receiver: Gnss | None) -> Reference | None:

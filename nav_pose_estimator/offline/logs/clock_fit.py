@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nav_pose_estimator.core.numerics.order import MAD_TO_SD
 from nav_pose_estimator.offline.logs.gnss_time import rolled
 from nav_pose_estimator.offline.logs.sensors import Gnss
 
@@ -83,7 +84,7 @@ def _robust_slope(log: Array, utc: Array) -> tuple[float, float]:
         spread = float(np.sum(weights * dx**2))
         slope = float(np.sum(weights * dx * (utc - mean_y))) / spread
         residual = utc - mean_y - slope * dx
-        scale = max(1.4826 * float(np.median(np.abs(residual))), 1e-6)
+        scale = max(MAD_TO_SD * float(np.median(np.abs(residual))), 1e-6)
         weights = np.minimum(1.0, 1.5 * scale / np.maximum(np.abs(residual), 1e-12))
     # neighbouring residuals are correlated, so that a tenth of their number counts
     return slope, scale / np.sqrt(spread) * np.sqrt(10.0)

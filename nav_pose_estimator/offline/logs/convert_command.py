@@ -10,7 +10,7 @@ from pathlib import Path
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.logs.options import LogOptions, add_options, options_of
 from nav_pose_estimator.offline.output_file import write_whole
-from nav_pose_estimator.offline.terminal import printable
+from nav_pose_estimator.offline.terminal import note_left_out, printable
 
 DESCRIPTION = "Write a flight log (PX4 ULog, ArduPilot DataFlash) as a rosbag2 (mcap), which every tool of ROS reads."
 
@@ -66,7 +66,7 @@ def _convert_all(logs: list[Path], arguments: argparse.Namespace) -> int:
     for number, outcome in carry_out(_convert, due, arguments.jobs):
         if isinstance(outcome, Failure):
             failed += 1
-            print(f"note: {printable(f'{due[number].log.name} is left out: {outcome.why}')}", file=sys.stderr)
+            note_left_out(due[number].log.name, outcome.why)
         else:
             print(outcome, flush=True)
     print(f"{len(due) - failed} bags written, {failed} logs left out, {len(jobs) - len(due)} bags were there already")
@@ -89,6 +89,7 @@ def _convert(job: _Job) -> str:
     from nav_pose_estimator.offline.bags.writer import check_room
     from nav_pose_estimator.offline.logs.log_flight import LogRecording
     from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared
+    from nav_pose_estimator.offline.sidecar import sidecar_path
 
     beside = sidecar_path(job.bag)
     check_room(job.bag, job.force)
@@ -104,16 +105,12 @@ def _convert(job: _Job) -> str:
     return f"{job.bag}: {recording.duration:.1f} s, {count} sensor messages"
 
 
-def sidecar_path(bag: Path) -> Path:
-    """NAME.json beside NAME_bag, from which replay and benchmark read additional data of a flight."""
-    return bag.with_name(bag.name.removesuffix("_bag") + ".json")
-
-
 def write_log_bag(path: Path, recording, force: bool = False) -> int:
     """Write the samples of a log's recording, and NAME.json with data from its parameters; return the message count."""
     from nav_pose_estimator.engine.samples import ImuBlock
     from nav_pose_estimator.offline.bags.sensor_topics import imu_topic, sensor_topics
     from nav_pose_estimator.offline.bags.writer import write_bag
+    from nav_pose_estimator.offline.sidecar import sidecar_path
 
     block, timed, arrival = recording.imu, [], recording.epoch_ns
     for sample in recording.samples:

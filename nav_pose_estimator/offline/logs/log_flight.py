@@ -51,7 +51,7 @@ def log_recording(log: LogSensors, options: LogOptions) -> LogRecording:
     """The recording of a log. Raises ``BagError`` without IMU or GNSS, and for an unknown IMU or segment."""
     imu = _chosen_imu(log, options.imu)
     receiver = _receiver(log)
-    segment, told = _chosen_segment(log, imu, options)
+    segment, notices = _chosen_segment(log, imu, options)
     imu = _cut_imu(imu, segment)
     gnss, repeated = sensors.fresh(_cut(receiver, segment))
     if not gnss.has_fix.any():
@@ -69,7 +69,7 @@ def log_recording(log: LogSensors, options: LogOptions) -> LogRecording:
         samples=interleaved(block, [sample for _, sample in timed], rows),
         epoch_ns=epoch_ns,
         duration=(last_ns - epoch_ns) * 1e-9,
-        notices=[*log.notices, *told, *clock.notices, *_notices(log, imu, gnss, repeated, options)],
+        notices=[*log.notices, *notices, *clock.notices, *_notices(log, imu, gnss, repeated, options)],
         counters=+counters,
         sidecar=_sidecar(log, clock, epoch_ns),
         opinion=_opinion(log.opinion, clock, epoch_ns),
@@ -105,8 +105,8 @@ def _chosen_segment(log: LogSensors, imu: Imu, options: LogOptions) -> tuple[Seg
     """The requested segment, else the whole log, and notices about the choice."""
     found = find_segments(imu.time_us, log.armed, options.max_gap)
     if options.segment is None:
-        told = [f"the log holds {len(found)} segments: --segment N takes one, --list shows them"] * (len(found) > 1)
-        return Segment(int(imu.time_us[0]), int(imu.time_us[-1]), 0.0), told
+        notices = [f"the log holds {len(found)} segments: --segment N takes one, --list shows them"] * (len(found) > 1)
+        return Segment(int(imu.time_us[0]), int(imu.time_us[-1]), 0.0), notices
     if not 1 <= options.segment <= len(found):
         raise BagError(f"{log.path} has no segment {options.segment}; there are {len(found)}, --list shows them")
     return found[options.segment - 1], []
@@ -205,30 +205,30 @@ def _opinion(opinion: Reference | None, clock: _Clock, epoch_ns: int) -> Referen
 
 def _sidecar(log: LogSensors, clock: _Clock, epoch_ns: int) -> dict:
     """Further data of the log in the form of NAME.json."""
-    told: dict = {} if log.delay is None else {PRIOR: log.delay[0], PRIOR_SOURCE: log.delay[1]}
+    sidecar: dict = {} if log.delay is None else {PRIOR: log.delay[0], PRIOR_SOURCE: log.delay[1]}
     if log.armed:
         spans = (clock.stamps(np.array(log.armed, np.int64).ravel()) - epoch_ns) * 1e-9
-        told[ARMED] = np.round(spans, 3).reshape(-1, 2).tolist()
-    return told
+        sidecar[ARMED] = np.round(spans, 3).reshape(-1, 2).tolist()
+    return sidecar
 
 
 def _notices(log: LogSensors, imu: Imu, gnss: Gnss, repeated: int, options: LogOptions) -> list[str]:
     """Sentences for the user about the quality of the data."""
-    told = []
+    notices = []
     rate = imu.rate()
     if rate < SLOW_HZ:
-        told.append(f"the IMU was logged at {rate:.0f} Hz: too slow to coast for a minute; log it at 50 Hz or more")
+        notices.append(f"the IMU was logged at {rate:.0f} Hz: too slow to coast for a minute; log it at 50 Hz or more")
     pauses = np.diff(imu.time_us) * 1e-6
     long = pauses[pauses > options.max_gap]
     if len(long):
         times = "once" if len(long) == 1 else f"{len(long)} times"
-        told.append(f"the IMU pauses {times}, {long.max():.1f} s at most: the estimator goes on from its last state")
+        notices.append(f"the IMU pauses {times}, {long.max():.1f} s at most: the estimator goes on from its last state")
     if repeated:
-        told.append(f"{repeated} GNSS messages only repeat the previous one: left out")
+        notices.append(f"{repeated} GNSS messages only repeat the previous one: left out")
     if imu.clipped:
-        told.append(
+        notices.append(
             f"{imu.clipped} IMU samples were out of the sensor's range ({100 * imu.clipped / len(imu.time_us):.2g} %)"
         )
     if gnss.sea_level:
-        told.append("heights are above mean sea level: the log has no ellipsoid heights")
-    return told
+        notices.append("heights are above mean sea level: the log has no ellipsoid heights")
+    return notices

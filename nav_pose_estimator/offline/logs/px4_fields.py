@@ -6,6 +6,7 @@ Sources: msg/ of PX4-Autopilot through its versions. Where a field changed its n
 import numpy as np
 
 from nav_pose_estimator.core.earth.atmosphere import height_pressure
+from nav_pose_estimator.core.numerics.axes import FRD_FLU
 from nav_pose_estimator.offline.flights.tracks import Reference, shift
 from nav_pose_estimator.offline.logs import sensors
 from nav_pose_estimator.offline.logs.formats.log_tables import LogTables, Table, rising
@@ -30,7 +31,7 @@ def px4_sensors(log: LogTables) -> LogSensors:
     receiver = max(gnss, key=lambda g: int(g.has_fix.sum()), default=None)
     undulation = receiver.undulation if receiver is not None else np.nan
     antenna = [log.parameters.get(f"EKF2_GPS_POS_{axis}", 0.0) for axis in "XYZ"]
-    lever = tuple((np.array(antenna) * sensors.FLU_FROM_FRD).tolist())
+    lever = tuple((np.array(antenna) * FRD_FLU).tolist())
     return LogSensors(
         path=log.path,
         form=log.form,

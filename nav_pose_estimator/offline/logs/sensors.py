@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nav_pose_estimator.core.numerics.axes import FRD_FLU, Q_FRD_FLU, Q_NED_ENU
 from nav_pose_estimator.core.numerics.rotation import quat_multiply_many, quat_normalize_many
 from nav_pose_estimator.engine.samples import (
     Airspeed,
@@ -21,10 +22,10 @@ from nav_pose_estimator.offline.logs.formats.log_tables import Table, rising
 
 Array = np.ndarray
 GAUSS = 1e-4  # T
-FLU_FROM_FRD = np.array([1.0, -1.0, -1.0])
-_ENU_FROM_NED = np.array([0.0, 0.5**0.5, 0.5**0.5, 0.0])
-_FRD_FROM_FLU = np.array([0.0, 1.0, 0.0, 0.0])
 _LONGEST_DELAY = 1000.0  # ms: largest plausible latency
+_LARGEST_HPA = 2000.0  # smaller pressures are in hPa
+_PRESSURES = 1000.0, 120_000.0  # Pa: smallest and largest pressure of a working sensor
+_EARLY = 0.7  # intervals: an equal message that comes sooner is a repetition, where its own time is not known
 FIX, NO_FIX = 0, -1  # sensor_msgs/NavSatStatus
 
 
@@ -113,21 +114,23 @@ def make_imu(name: str, time_us: Array, gyro_frd: Array, accel_frd: Array, clipp
     """Create an IMU from FRD columns, without rows that are not finite or not newer than the previous ones."""
     good = rising(time_us) & np.isfinite(gyro_frd).all(axis=1) & np.isfinite(accel_frd).all(axis=1)
     count = 0 if clipped is None else int(np.count_nonzero(clipped[good] > 0))
-    return Imu(name, time_us[good], gyro_frd[good] * FLU_FROM_FRD, accel_frd[good] * FLU_FROM_FRD, count)
+    return Imu(name, time_us[good], gyro_frd[good] * FRD_FLU, accel_frd[good] * FRD_FLU, count)
 
 
 def magnetometer(table: Table, field_gauss: Array, time_us: Array | None = None) -> Series | None:
     """Samples of the field in FRD [gauss], without zero vectors; None if there are none."""
     time_us = table.time_us if time_us is None else time_us
-    values = field_gauss * GAUSS * FLU_FROM_FRD
+    values = field_gauss * GAUSS * FRD_FLU
     return _series(table.name, MagSample, time_us, values, np.any(values != 0.0, axis=1))
 
 
 def barometer(table: Table, pressure: Array, time_us: Array | None = None) -> Series | None:
     """Samples of the static pressure in Pa, or in hPa as from older PX4."""
     time_us = table.time_us if time_us is None else time_us
-    pascal = np.where(pressure < 2000.0, pressure * 100.0, pressure)
-    return _series(table.name, PressureSample, time_us, pascal[:, None], (pascal > 1000.0) & (pascal < 120_000.0))
+    pascal = np.where(pressure < _LARGEST_HPA, pressure * 100.0, pressure)
+    return _series(
+        table.name, PressureSample, time_us, pascal[:, None], (pascal > _PRESSURES[0]) & (pascal < _PRESSURES[1])
+    )
 
 
 def airspeed(table: Table, true_airspeed: Array, good: Array) -> Series | None:
@@ -177,7 +180,7 @@ def enu(ned: Array) -> Array:
 def enu_flu_attitude(q_ned_frd: Array) -> Array:
     """Convert quaternions (N, 4), scalar first, of FRD to NED to those of FLU to ENU."""
     q = quat_normalize_many(q_ned_frd)
-    return quat_multiply_many(quat_multiply_many(_ENU_FROM_NED, q), _FRD_FROM_FLU)
+    return quat_multiply_many(quat_multiply_many(Q_NED_ENU, q), Q_FRD_FLU)
 
 
 def fresh(gnss: Gnss) -> tuple[Gnss, int]:
@@ -188,7 +191,7 @@ def fresh(gnss: Gnss) -> tuple[Gnss, int]:
         content = np.column_stack([gnss.position, np.nan_to_num(gnss.velocity)])
         alike = (content[1:] == content[:-1]).all(axis=1) & gnss.has_fix[1:] & gnss.has_fix[:-1]
         timed = known[1:] & known[:-1]
-        early = np.diff(gnss.time_us) < 0.7 * np.median(np.diff(gnss.time_us))
+        early = np.diff(gnss.time_us) < _EARLY * np.median(np.diff(gnss.time_us))
         same[1:] = alike & np.where(timed, gnss.utc_us[1:] == gnss.utc_us[:-1], early)
     keep = ~same & rising(gnss.time_us)
     parts = {name: getattr(gnss, name)[keep] for name in PER_MESSAGE}

@@ -8,6 +8,8 @@ from nav_pose_estimator.offline.page import live
 from nav_pose_estimator.offline.page.svg import Plot
 
 _PLOT = '<figure class="plot"'
+LINES = ("a", "b", "c", "d", "e", "f", "a dash", "b dash", "c dash")
+"""Styles that distinguish the lines of a plot, in order."""
 STYLE = """
 :root{--bg:#fbfbf9;--card:#fff;--ink:#1c2126;--soft:#66707a;--rule:#e4e6e4;--a:#1f6feb;--b:#d1495b;--c:#2a9d6f;
 --d:#8e5bd0;--e:#c98a1b;--f:#5b6770;--shade:#f6d9a8;--good:#2a9d6f;--bad:#c8323f}

@@ -64,10 +64,16 @@ def run(arguments: argparse.Namespace) -> int:
         from nav_pose_estimator.offline.flights.config_file import load_parameters
         from nav_pose_estimator.offline.logs import open_recording  # noqa: F401  for ``_Plan``
         from nav_pose_estimator.offline.output_folder import OutputFolder
-        from nav_pose_estimator.offline.replay import beside, replay, report, rerun_file  # noqa: F401  for ``_replay``
-        from nav_pose_estimator.offline.replay.aid_option import with_aids
+        from nav_pose_estimator.offline.replay import (  # noqa: F401  for ``_replay``
+            beside,
+            replay,
+            report,
+            rerun_file,
+            solution_bag,
+        )
         from nav_pose_estimator.offline.replay.files import REPORT
-        from nav_pose_estimator.offline.replay.origin_option import with_origin
+        from nav_pose_estimator.offline.replay.parameter_options import with_aids, with_origin
+        from nav_pose_estimator.offline.sidecar import flight_name
 
     if not 0.0 < arguments.rate <= 1000.0:
         raise UserError("--rate must lie between 0 and 1000 Hz")
@@ -90,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     if arguments.rerun is not None:
         rerun_file.check(arguments.rerun)
-    folder = arguments.out or Path(f"{Path(os.path.realpath(arguments.bag)).stem.removesuffix('_bag')}_replay")
+    folder = arguments.out or Path(f"{flight_name(Path(os.path.realpath(arguments.bag)))}_replay")
     inputs = [path for path in (arguments.bag, arguments.config) if path is not None]
     with OutputFolder(folder, "replay", inputs) as work:  # before the work, so that an unusable folder costs no time
         recording = plan.load()

@@ -21,7 +21,7 @@ def of_outages(result: ReplayResult) -> Iterator[str]:
     """The figures for which there is something to show."""
     plot = prediction(result)
     if plot is not None:
-        yield "<h2>What the network said</h2>" + page.figure(
+        yield "<h2>Predictions of the network</h2>" + page.figure(
             plot,
             "Velocity over ground in the outages, as the network has it from attitude, IMU and the wind it knows,"
             " beside the withheld one.",
@@ -47,7 +47,7 @@ def track(result: ReplayResult) -> live.Track:
     for t, enu, style, outage_style, label in paths:
         lines.append((enu[:: max(len(enu) // live.POINTS, 1)], style, label))
         for outage in result.outages:
-            inside = enu[(t >= outage.start) & (t < outage.end)]
+            inside = enu[outage.contains(t)]
             if len(inside):
                 lines.append((inside[:: max(len(inside) // 500, 1)], f"{outage_style} thick", ""))
     step = max(len(estimate) // live.POINTS, 1)
@@ -56,12 +56,12 @@ def track(result: ReplayResult) -> live.Track:
 
 def prediction(result: ReplayResult) -> Plot | None:
     """The network's velocity in the outages beside that of the reference; None where either is missing."""
-    said = result.record.predictions
+    predictions = result.record.predictions
     flown = _flown(result.drawn_reference)
-    if not said or flown is None:
+    if not predictions or flown is None:
         return None
-    t = np.array([(s.stamp_ns - result.recording.epoch_ns) * 1e-9 for s in said]) - me.PERIOD / 2.0
-    velocity = result.track.velocity_at(t) - np.array([s.dv_n for s in said])
+    t = np.array([(s.stamp_ns - result.recording.epoch_ns) * 1e-9 for s in predictions]) - me.PERIOD / 2.0
+    velocity = result.track.velocity_at(t) - np.array([s.dv_n for s in predictions])
     velocity[np.diff(t, prepend=t[0]) > _GAP] = np.nan  # lift the pen between outages
     plot = Plot("s since the first stamp", "velocity over ground, m/s", time=True, height=300)
     for outage in result.outages:
@@ -77,7 +77,7 @@ def coverage(result: ReplayResult) -> dict[str, Array]:
     t, lever = result.fix_times, reference_lever(result.reference, result.parameters)
     inside = np.zeros(len(t), bool)
     for outage in result.outages:
-        inside |= (t >= outage.start) & (t < outage.end)
+        inside |= outage.contains(t)
     t = t[inside]
     errors = displacement_enu(result.track.antenna_at(t, lever), result.reference.at(t))
     ratio = np.abs(errors) / Track(t, result.track.at(t)).sd("position")
@@ -116,5 +116,5 @@ def _inside(result: ReplayResult, t: Array, values: Array) -> tuple[Array, Array
     """``values`` with NaN outside of the outages."""
     chosen = np.zeros(len(t), bool)
     for outage in result.outages:
-        chosen |= (t >= outage.start) & (t < outage.end)
+        chosen |= outage.contains(t)
     return t, np.where(chosen, values, np.nan)

@@ -76,9 +76,7 @@ class Record:
         return BiasHistory(np.array(self.biases, float).reshape(-1, BiasHistory.COLUMNS))
 
     def _note_event(self, event: Event) -> None:
-        if (
-            event.name in RESETS
-        ):  # there is no solution until the next one, so that the previous mode must not seem to last
+        if event.name in RESETS:  # the previous mode must not seem to last until the next solution
             self._note_mode(event.stamp_ns, Mode.ALIGNING)
             self._reset_ns = event.stamp_ns
         if event.text:

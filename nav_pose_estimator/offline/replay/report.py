@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from nav_pose_estimator.core.numerics.rotation import euler_from_quat_many
+from nav_pose_estimator.core.numerics.units import STANDARD_GRAVITY
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import flatten
 from nav_pose_estimator.engine.solutions import Level, Mode
@@ -17,7 +18,6 @@ from nav_pose_estimator.offline.page.svg import Plot
 from nav_pose_estimator.offline.replay import outage_figures, second_opinion
 from nav_pose_estimator.offline.replay.replay import ReplayResult, reference_lever
 
-_STYLES = ("a", "b", "c")
 _MODE_STYLE = {
     Mode.AIDED: "mode-good",
     Mode.COASTING: "mode-mid",
@@ -26,7 +26,6 @@ _MODE_STYLE = {
     Mode.EXPIRED: "mode-bad",
 }
 MAX_EVENTS = 200
-G = 9.80665
 
 
 def write_report(path: Path, result: ReplayResult) -> None:
@@ -125,7 +124,7 @@ def _map(result: ReplayResult) -> Plot:
     _thin_line(plot, estimate, "a", "estimate")
     for outage in result.outages:
         for enu, t, style in ((truth, reference.t, "f"), (estimate, track.t, "b")):
-            inside = (t >= outage.start) & (t < outage.end)
+            inside = outage.contains(t)
             _thin_line(plot, enu[inside], f"{style} thick")
     plot.mark(float(estimate[0, 0]), float(estimate[0, 1]), "dot", "start")
     return plot
@@ -186,7 +185,7 @@ def _outside(result: ReplayResult, times: np.ndarray, values: np.ndarray) -> np.
 
 def _three(plot: Plot, t: np.ndarray, values: np.ndarray, names: tuple[str, ...]) -> None:
     for i, name in enumerate(names):
-        plot.line(t, values[:, i], _STYLES[i], name)
+        plot.line(t, values[:, i], page.LINES[i], name)
 
 
 def _attitude(result: ReplayResult) -> Plot:
@@ -209,12 +208,12 @@ def _velocity(result: ReplayResult) -> Plot:
 
 def _biases(result: ReplayResult) -> Iterator[Plot]:
     history = result.record.bias_history
-    units = ("gyroscope bias, deg/s", math.degrees(1.0)), ("accelerometer bias, mg", 1e3 / G)
+    units = ("gyroscope bias, deg/s", math.degrees(1.0)), ("accelerometer bias, mg", 1e3 / STANDARD_GRAVITY)
     for sensor, (unit, factor) in enumerate(units):
         plot = _plot(result, unit)
         values, spread = (factor * rows for rows in history.of(sensor))
         for i in range(3):
-            plot.band(history.t, values[:, i] - spread[:, i], values[:, i] + spread[:, i], _STYLES[i])
+            plot.band(history.t, values[:, i] - spread[:, i], values[:, i] + spread[:, i], page.LINES[i])
         _three(plot, history.t, values, ("x forward", "y left", "z up"))
         yield plot
 
@@ -238,12 +237,12 @@ def _modes(result: ReplayResult) -> str:
 
 
 def _events(result: ReplayResult) -> str:
-    told = [event for event in result.record.events if event.level is not Level.DEBUG]
+    shown = [event for event in result.record.events if event.level is not Level.DEBUG]
     rows = [
         [f"{(e.stamp_ns - result.recording.epoch_ns) * 1e-9:.2f}", e.level.name, e.text, e.name]
-        for e in told[:MAX_EVENTS]
+        for e in shown[:MAX_EVENTS]
     ]
-    left = f"<p class=soft>{len(told) - MAX_EVENTS} more are not shown.</p>" if len(told) > MAX_EVENTS else ""
+    left = f"<p class=soft>{len(shown) - MAX_EVENTS} more are not shown.</p>" if len(shown) > MAX_EVENTS else ""
     return page.table(["s", "", "event", "name"], rows, text_columns=(1, 2, 3)) + left
 
 

@@ -3,7 +3,6 @@
 It contains reference and estimate as paths, the moving vehicle, and errors, sigmas and modes over the time of flight.
 """
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.flights.tracks import displacement_enu
 from nav_pose_estimator.offline.replay.replay import ReplayResult
 from nav_pose_estimator.offline.replay.report import errors_enu, mode_spans
+from nav_pose_estimator.whole_file import replacing
 
 TIMELINE = "flight"
 _RATE = 20.0  # Hz
@@ -38,17 +38,16 @@ def write_rerun(path: Path, result: ReplayResult) -> None:
     import rerun as rr
 
     stream = rr.RecordingStream("nav_pose_estimator")
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
-    stream.save(unfinished)
-    _log_paths(rr, stream, result)
-    _log_vehicle(rr, stream, result)
-    _log_errors(rr, stream, result)
-    for start, _, mode in mode_spans(result):
-        stream.set_time(TIMELINE, duration=start)
-        stream.log("mode", rr.TextLog(mode.value))
-    stream.flush()
-    stream.disconnect()
-    os.replace(unfinished, path)
+    with replacing(path) as unfinished:
+        stream.save(unfinished)
+        _log_paths(rr, stream, result)
+        _log_vehicle(rr, stream, result)
+        _log_errors(rr, stream, result)
+        for start, _, mode in mode_spans(result):
+            stream.set_time(TIMELINE, duration=start)
+            stream.log("mode", rr.TextLog(mode.value))
+        stream.flush()
+        stream.disconnect()
 
 
 def _log_paths(rr: Any, stream: Any, result: ReplayResult) -> None:
@@ -60,7 +59,7 @@ def _log_paths(rr: Any, stream: Any, result: ReplayResult) -> None:
     if len(result.reference):
         _log_path(rr, stream, "reference", displacement_enu(result.reference.position, origin), "reference")
     for i, outage in enumerate(result.outages):
-        inside = (result.track.t >= outage.start) & (result.track.t < outage.end)
+        inside = outage.contains(result.track.t)
         _log_path(rr, stream, f"outage_{i}", estimate[inside], "outage")
 
 

@@ -30,16 +30,16 @@ def write_solution(path: Path, result: ReplayResult, rate_hz: float) -> None:
 
 def _stretches(result: ReplayResult, rate_hz: float) -> Iterator[list[Messages]]:
     """Yield the messages of all topics in parts that are consecutive in time."""
-    status, told = _status(result), 0
+    status, done = _status(result), 0
     poses, fixes = (decimated(result.track, rate) for rate in (rate_hz, min(rate_hz, FIX_HZ)))
     for pose, fix in zip(poses, fixes, strict=True):
         topics = [make(result, part) for make, part in ((_odometry, pose), (_fixes, fix)) if len(part)]
         if topics:
             last = max(int(topic.times_ns[-1]) for topic in topics)
             due = int(np.searchsorted(status.times_ns, last, side="right"))
-            yield [*topics, *_part(status, told, due)]
-            told = due
-    yield _part(status, told, len(status.times_ns))
+            yield [*topics, *_part(status, done, due)]
+            done = due
+    yield _part(status, done, len(status.times_ns))
 
 
 def _part(messages: Messages, begin: int, end: int) -> list[Messages]:

@@ -218,8 +218,8 @@ def _stacked(
 
 
 def _with_outputs(data: FlightData, weights: ConvLstm, form: str) -> Array:
-    said = np.array([air_velocity(weights, form, window) for window in data.windows.astype(float)])
-    return np.column_stack([data.epochs, said])
+    outputs = np.array([air_velocity(weights, form, window) for window in data.windows.astype(float)])
+    return np.column_stack([data.epochs, outputs])
 
 
 def _examples(members: Sequence[Member]) -> network.Examples:

@@ -12,22 +12,22 @@ from nav_pose_estimator.core.learning.conv_lstm import STEPS
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.airframe import PastFlight
 from nav_pose_estimator.core.motion.prior import MOVES
-from nav_pose_estimator.core.motion.vehicle_class import tell_class
+from nav_pose_estimator.core.motion.vehicle_class import classify
 from nav_pose_estimator.core.motion.windows import CHANNELS, INCREMENTS, increments, window
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.outage.airframe_file import LONGEST_NAME
 from nav_pose_estimator.engine.outage.epochs import EpochCollector
 from nav_pose_estimator.engine.outage.methods.method import OutageMethod
-from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.archive.kept import key_of
 from nav_pose_estimator.offline.flights import latency
 from nav_pose_estimator.offline.flights.config_file import load_parameters
-from nav_pose_estimator.offline.flights.recording import Recording, sidecar_path
+from nav_pose_estimator.offline.flights.recording import Recording
 from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared
 from nav_pose_estimator.offline.logs.options import LogOptions
+from nav_pose_estimator.offline.sidecar import sidecar_path
 from nav_pose_estimator.offline.terminal import printable
 
 Array = NDArray[np.float64]
@@ -66,7 +66,7 @@ class FlightData:
     @property
     def shown_class(self) -> str:
         """Class of the vehicle by its motion; ``UNKNOWN`` if that is ambiguous, as in pure hover."""
-        return tell_class(self.epochs)
+        return classify(self.epochs)
 
 
 class Recorder(OutageMethod):
@@ -113,8 +113,8 @@ class Recorded:
     def key(self) -> str:
         """Key that depends on everything that affects the replay, but not on the path of the recording."""
         files = (sidecar_path(self.path), self.reading.config)
-        said = (self.digest, self.reading.log, self.reading.gnss_delay)
-        return key_of(said, [path for path in files if path is not None])
+        read_as = (self.digest, self.reading.log, self.reading.gnss_delay)
+        return key_of(read_as, [path for path in files if path is not None])
 
 
 def fly(recorded: Recorded) -> FlightData:
@@ -123,7 +123,7 @@ def fly(recorded: Recorded) -> FlightData:
     parameters = update(load_parameters(reading.config), {"learner.enabled": False})
     recording = prepared(open_recording(path, reading.log, parameters=parameters), parameters, np.inf)
     parameters, _ = latency.choose(recording, parameters, reading.gnss_delay, reading.config, np.inf, search=True)
-    found = list(_good_epochs(recording, parameters))
+    found = list(good_epochs(recording, PoseEstimator(parameters, attitude=False), EpochCollector(Recorder())))
     rows = np.array(found) if found else np.empty((0, me.COLUMNS + STEPS * CHANNELS + INCREMENTS))
     rows = rows[flown(rows)]
     if not len(rows) and not recording.fixes:
@@ -138,8 +138,8 @@ def fly(recorded: Recorded) -> FlightData:
     return FlightData(recording.name, recorded.digest, epochs, windows, happened.astype(np.float32))
 
 
-def _good_epochs(recording: Recording, parameters: Parameters) -> Iterator[Array]:
-    engine, collector = PoseEstimator(parameters, attitude=False), EpochCollector(Recorder())
+def good_epochs(recording: Recording, engine: PoseEstimator, collector: EpochCollector) -> Iterator[Array]:
+    """Yield the epochs of aided flight, as ``collector`` forms them, of a ``recording`` in ``engine``."""
     for sample in recording.samples:
         for output in engine.feed(sample):
             if isinstance(output, (NavBlock, NavSolution)):

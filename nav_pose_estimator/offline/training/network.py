@@ -87,10 +87,10 @@ def train(examples: Examples, recipe: Recipe, progress: Callable[[int], Any] = l
     state = optimiser.init(start)
 
     def loss(weights: Any, batch: Any, keep: Any, share: Any) -> Any:
-        said = forward(weights | scales, batch[0], keep)
+        output = forward(weights | scales, batch[0], keep)
         if recipe.form == VELOCITY:
-            return _likelihood(said, batch[1], scales, share)
-        return _huber_increments(said, batch[1], scales)
+            return _likelihood(output, batch[1], scales, share)
+        return _huber_increments(output, batch[1], scales)
 
     @jax.jit
     def step(weights: Any, state: Any, batch: Any, keep: Any, share: Any) -> Any:
@@ -143,24 +143,24 @@ def _lstm_step(weights: Any, x: Any, h: Any, c: Any) -> tuple[Any, Any]:
     return shown * jnp.tanh(c), c
 
 
-def _likelihood(said: Any, velocity: Any, scales: Any, share: Any) -> Any:
+def _likelihood(output: Any, velocity: Any, scales: Any, share: Any) -> Any:
     """Mean squared error for ``share`` 0, negative logarithm of a normal density for 1, velocities in deviations."""
     import jax.numpy as jnp
 
-    square = ((said[:, :3] - velocity) / scales["output_scale"][:3]) ** 2
-    log_variance = jnp.clip(said[:, 3:] - 2.0 * jnp.log(scales["output_scale"][:3]), -_LOG_VARIANCE, _LOG_VARIANCE)
+    square = ((output[:, :3] - velocity) / scales["output_scale"][:3]) ** 2
+    log_variance = jnp.clip(output[:, 3:] - 2.0 * jnp.log(scales["output_scale"][:3]), -_LOG_VARIANCE, _LOG_VARIANCE)
     density = 0.5 * (square * jnp.exp(-log_variance) + log_variance)
     return jnp.mean((1.0 - share) * square + share * density)
 
 
-def _huber_increments(said: Any, truth: Any, scales: Any) -> Any:
+def _huber_increments(output: Any, truth: Any, scales: Any) -> Any:
     """Eq. (1)."""
     import jax.numpy as jnp
     import optax
 
     sd = scales["output_scale"]
-    wrong = jnp.einsum("nji,njk->nik", _rotation(said[:, 3:6]), _rotation(truth[:, 3:6]))
-    left = jnp.concatenate([said[:, :3] - truth[:, :3], logarithm(wrong), said[:, 6:] - truth[:, 6:]], axis=1)
+    wrong = jnp.einsum("nji,njk->nik", _rotation(output[:, 3:6]), _rotation(truth[:, 3:6]))
+    left = jnp.concatenate([output[:, :3] - truth[:, :3], logarithm(wrong), output[:, 6:] - truth[:, 6:]], axis=1)
     return jnp.mean(optax.huber_loss(left / sd))
 
 

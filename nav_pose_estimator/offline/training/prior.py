@@ -20,16 +20,16 @@ from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.outage.epochs import EpochCollector
 from nav_pose_estimator.engine.outage.methods.usual_file import as_toml
 from nav_pose_estimator.engine.outage.rehearsals import at_its_end
-from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.archive.kept import KeptResults
 from nav_pose_estimator.offline.flights import latency, methods
 from nav_pose_estimator.offline.flights.config_file import load_parameters
-from nav_pose_estimator.offline.flights.groups import flight_name, groups_of, patterns_of
+from nav_pose_estimator.offline.flights.groups import groups_of, patterns_of
 from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared
 from nav_pose_estimator.offline.logs.options import options_of
 from nav_pose_estimator.offline.output_file import write_whole
-from nav_pose_estimator.offline.training.flights import Reading, Recorded, flown
+from nav_pose_estimator.offline.sidecar import flight_name
+from nav_pose_estimator.offline.training.flights import Reading, Recorded, flown, good_epochs
 from nav_pose_estimator.offline.training.work import find_recordings, fly_all, identify
 
 WORD, ENDING = "prior", ".toml"
@@ -100,13 +100,7 @@ def fly(recorded: Recorded) -> PriorFlight:
     recording = prepared(open_recording(path, reading.log, parameters=parameters), parameters, np.inf)
     parameters, _ = latency.choose(recording, parameters, reading.gnss_delay, reading.config, np.inf, search=True)
     engine = PoseEstimator(parameters, attitude=False, rehearse=at_its_end)
-    collector, found = EpochCollector(), []
-    for sample in recording.samples:
-        for output in engine.feed(sample):
-            finished = collector.feed(output) if isinstance(output, (NavBlock, NavSolution)) else None
-            if finished is not None and finished.is_good:
-                found.append(finished.values)
-    epochs = np.array(found).reshape(-1, me.COLUMNS)
+    epochs = np.array(list(good_epochs(recording, engine, EpochCollector()))).reshape(-1, me.COLUMNS)
     decisions = engine.outage_aid.rehearsals.decisions if engine.outage_aid else Decisions()
     return PriorFlight(flight_name(path), flight_name(path), recorded.digest, epochs[flown(epochs)], decisions)
 

@@ -14,7 +14,7 @@ from nav_pose_estimator.offline.archive.recordings import find
 from nav_pose_estimator.offline.archive.resumed import carry_on
 from nav_pose_estimator.offline.logs.open_recording import check_readable
 from nav_pose_estimator.offline.remote import at_hand
-from nav_pose_estimator.offline.terminal import printable
+from nav_pose_estimator.offline.terminal import note_left_out
 from nav_pose_estimator.offline.training.flights import Reading, Recorded, digest_of
 
 AIRFRAME = ".airframe"
@@ -47,10 +47,10 @@ def identify(paths: Sequence[Path], reading: Reading) -> list[Recorded]:
             with at_hand(path) as here:
                 digest = digest_of(here)
         except OSError as error:
-            _leave_out(path, error.strerror or str(error))
+            note_left_out(path.name, error.strerror or str(error))
             continue
         except UserError as error:  # of something elsewhere
-            _leave_out(path, str(error))
+            note_left_out(path.name, str(error))
             continue
         if digest in found:
             print(f"note: {path} is the same recording as {found[digest].path}: it counts once", file=sys.stderr)
@@ -75,9 +75,5 @@ def fly_all(
             if isinstance(outcome, Failure):
                 failed[number] = outcome
     for number in sorted(failed):
-        _leave_out(recordings[number].path, failed[number].why)
+        note_left_out(recordings[number].path.name, failed[number].why)
     return [one for number, one in enumerate(recordings) if number not in failed]
-
-
-def _leave_out(path: Path, why: str) -> None:
-    print(f"note: {printable(f'{path.name} is left out: {why}')}", file=sys.stderr)

@@ -8,12 +8,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from nav_pose_estimator.core.earth.gps_time import week_and_milliseconds
 from nav_pose_estimator.core.filter.layout import DPOS, DVEL, PHI
+from nav_pose_estimator.core.numerics.axes import FRD_FLU
 from nav_pose_estimator.core.numerics.rotation import quat_to_matrix
 from nav_pose_estimator.engine.parameters.ros import RosParameters
 from nav_pose_estimator.engine.solutions import NavSolution
-from nav_pose_estimator.ros.autopilot.frames import FRD_FLU, NED_ENU, attitude_frd_to_ned, px4_north_east
-from nav_pose_estimator.ros.autopilot.gps_time import week_and_milliseconds
+from nav_pose_estimator.ros.autopilot.frames import NED_ENU, attitude_frd_to_ned, px4_north_east
 from nav_pose_estimator.ros.autopilot.px4_clock import Px4Clock, Px4Reference
 from nav_pose_estimator.ros.messages.outgoing import fill_odometry, fill_stamp
 
@@ -126,7 +127,7 @@ class Px4Odometry:
         self._fill_position(solution)
         message.q[:] = attitude_frd_to_ned(solution.q_nb)
         message.velocity[:] = NED_ENU @ solution.vel_n
-        message.angular_velocity[:] = FRD_FLU @ solution.rate_b
+        message.angular_velocity[:] = FRD_FLU * solution.rate_b
         C_nb = quat_to_matrix(solution.q_nb)
         message.orientation_variance[:] = np.diag(C_nb.T @ solution.cov[PHI : PHI + 3, PHI : PHI + 3] @ C_nb)
         message.velocity_variance[:] = _variances(solution, DVEL)[[1, 0, 2]]

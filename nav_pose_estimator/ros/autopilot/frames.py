@@ -1,26 +1,20 @@
-"""Conversion of ENU and FLU (REP-103) to NED and FRD, the axes of autopilots, and PX4's map projection.
-
-The rotations between the axes are half turns, so that each of them is its own inverse.
-"""
+"""Conversion of velocity and attitude to the axes of autopilots, NED and FRD, and PX4's map projection."""
 
 import math
 
 import numpy as np
 
+from nav_pose_estimator.core.numerics.axes import Q_FRD_FLU, Q_NED_ENU
 from nav_pose_estimator.core.numerics.rotation import quat_multiply
 
 NED_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-"""Matrix (3, 3) from ENU to NED and back: half a turn about the axis between East and North."""
-FRD_FLU = np.diag([1.0, -1.0, -1.0])
-"""Matrix (3, 3) from FLU to FRD and back: half a turn about the x axis."""
-_Q_NED_ENU = np.array([0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0])
-_Q_FRD_FLU = np.array([0.0, 1.0, 0.0, 0.0])
+"""Matrix (3, 3) from ENU to NED and back."""
 _PX4_RADIUS = 6_371_000.0  # m: radius of the sphere that PX4 projects on
 
 
 def attitude_frd_to_ned(q_nb: np.ndarray) -> np.ndarray:
     """Unit quaternion (4,), scalar first and not negative, from FRD to NED, for ``q_nb`` from FLU to ENU."""
-    q = quat_multiply(quat_multiply(_Q_NED_ENU, q_nb), _Q_FRD_FLU)
+    q = quat_multiply(quat_multiply(Q_NED_ENU, q_nb), Q_FRD_FLU)
     return np.asarray(q / math.copysign(float(np.linalg.norm(q)), q[0]))
 
 

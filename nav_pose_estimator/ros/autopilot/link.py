@@ -111,10 +111,10 @@ class AutopilotLink:
         """Clause that says why the autopilot cannot make full use of the pose; empty if it can."""
         if self._publisher is None:
             return " (dry run: it is only logged)"
-        lack = "" if qos.is_heard(self._publisher) else ", but nobody listens there"
+        lack = "" if qos.has_subscriber(self._publisher) else ", but nobody listens there"
         if isinstance(self.channel, Px4Odometry) and self.channel.reference is None:
-            said = self._node.resolve_topic_name(_PX4_SAYS)
-            lack += f"; velocity only, because PX4 has not published the reference of its local frame on {said}"
+            topic = self._node.resolve_topic_name(_PX4_SAYS)
+            lack += f"; velocity only, because PX4 has not published the reference of its local frame on {topic}"
         return lack
 
     # --- in --------------------------------------------------------------------------------------------------------
@@ -148,7 +148,7 @@ class AutopilotLink:
     def _hear_px4(self, message: Any) -> None:
         assert isinstance(self.channel, Px4Odometry)
         if self._newest_ns:
-            self.channel.clock.hear(int(message.timestamp), self._newest_ns)
+            self.channel.clock.note(int(message.timestamp), self._newest_ns)
         self.channel.reference = reference(message) or self.channel.reference
 
     def _warn_of_fused_topic(self) -> None:

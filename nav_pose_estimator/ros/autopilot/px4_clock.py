@@ -20,7 +20,7 @@ class Px4Clock:
     def __init__(self) -> None:
         self._differences: deque[int] = deque(maxlen=_REMEMBERED)
 
-    def hear(self, px4_us: int, own_ns: int) -> None:
+    def note(self, px4_us: int, own_ns: int) -> None:
         """Store the stamp of a message by PX4; ``own_ns`` is the newest stamp of this computer."""
         difference = own_ns // 1000 - px4_us
         if self._differences and abs(difference - self._differences[-1]) > _SAME_CLOCK_US:

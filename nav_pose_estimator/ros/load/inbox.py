@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any
 
-from nav_pose_estimator.ros.diagnostics import InputWatch
+from nav_pose_estimator.ros.load.input_watch import InputWatch
 
 Adapter = Callable[[Any], tuple[Any, ...]]
 

@@ -11,9 +11,9 @@ from nav_pose_estimator.engine.parameters.ros import InputParameters
 from nav_pose_estimator.engine.samples import ImuSample, Sample
 from nav_pose_estimator.engine.solutions import Event, Level
 from nav_pose_estimator.ros import qos
-from nav_pose_estimator.ros.diagnostics import InputWatch
 from nav_pose_estimator.ros.inputs import message_class
 from nav_pose_estimator.ros.load.inbox import Adapter, Inbox
+from nav_pose_estimator.ros.load.input_watch import InputWatch
 from nav_pose_estimator.ros.load.overload import HOPELESS, ImuGroups, Overload, SparseResults
 from nav_pose_estimator.ros.messages.message_table import Source
 

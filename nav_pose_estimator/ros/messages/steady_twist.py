@@ -10,9 +10,9 @@ import math
 
 import numpy as np
 
-from nav_pose_estimator.core.alignment.levelling import STANDARD_GRAVITY
 from nav_pose_estimator.core.filter.layout import OUT_FORCE, OUT_QUAT, OUT_RATE, OUT_VEL, SOLUTION_SIZE
 from nav_pose_estimator.core.numerics.jit import kernel
+from nav_pose_estimator.core.numerics.units import STANDARD_GRAVITY
 from nav_pose_estimator.core.numerics.vectors import add, add_scaled, dot, load3, load4, q_exp, q_rotate_back, store3
 from nav_pose_estimator.engine.solutions import NavSolution
 

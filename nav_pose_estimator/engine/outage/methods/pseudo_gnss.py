@@ -59,10 +59,10 @@ class ComposedFixes:
     def composed(self, since: Array) -> tuple[Array, Array]:
         """Eq. (1) over epochs (N, COLUMNS or more): displacement (3,) [m] and its covariance (3, 3) [m^2], ENU."""
         C, model = me.attitude(since), self.model
-        said = [model.predict(one) for one in since]
+        predicted = [model.predict(one) for one in since]
         wind = np.append(model.wind_mean + model.wind, 0.0)
-        velocity = np.einsum("nij,nj->ni", C, np.array([air for air, _ in said])) + wind
-        doubt = np.array([factor for _, factor in said])
+        velocity = np.einsum("nij,nj->ni", C, np.array([air for air, _ in predicted])) + wind
+        doubt = np.array([factor for _, factor in predicted])
         cov = me.PERIOD * np.einsum("nij,j,nkj,n->ik", C, model.noise, C, doubt) + _START_VAR * np.eye(3)
         seconds = len(since) * me.PERIOD
         changed = model.wind_spread * (1.0 - math.exp(-2.0 * seconds / WIND_TIME))

@@ -19,7 +19,7 @@ class Agreement:
 
     contradicts: bool = False
     rate: float = 0.0  # of messages with more than half of the beams rejected
-    _told: int = 0  # messages that agreed in a motion in which a wrong mounting would show
+    _agreeing: int = 0  # messages that agreed in a motion in which a wrong mounting would show
 
     def add(self, refused: int, present: int, is_telling: bool) -> bool:
         """Add a message with ``present`` beams, ``refused`` of them rejected; True where ``contradicts`` has changed.
@@ -28,7 +28,7 @@ class Agreement:
         """
         disagrees = 2 * refused > present
         self.rate = _MEMORY * self.rate + (1.0 - _MEMORY) * disagrees
-        self._told += is_telling and not disagrees
+        self._agreeing += is_telling and not disagrees
         before = self.contradicts
         if self.rate > _CONTRADICTS_ABOVE:
             self.contradicts = True
@@ -39,7 +39,7 @@ class Agreement:
     @property
     def is_proven(self) -> bool:
         """Whether the sensor has agreed for long enough to be used without GNSS."""
-        return self._told >= _PROVEN and not self.contradicts
+        return self._agreeing >= _PROVEN and not self.contradicts
 
 
 @dataclass

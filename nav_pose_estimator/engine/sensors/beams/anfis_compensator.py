@@ -136,12 +136,12 @@ class AnfisCompensator:
         healthy = present & ~evidence.flagged
         rehearsed = self._rehearsal.errors(evidence.variance)
         innovation = np.where(healthy, evidence.innovation + rehearsed, np.nan)
-        believed = self._rehearsal.noise.add(innovation)
+        rehearsal_noise = self._rehearsal.noise.add(innovation)
         is_held_out = int(evidence.t / _BLOCK) % _HELD_OUT_EVERY == _HELD_OUT_EVERY - 1
         reservoir = self._held_out if is_held_out else self._learnt
         for i in np.flatnonzero(present).tolist():
             if healthy[i]:
-                x = _inputs(innovation[i], evidence.variance[i], believed[i])
+                x = _inputs(innovation[i], evidence.variance[i], rehearsal_noise[i])
                 reservoir.add((*x, float(rehearsed[i])))
             else:
                 x = _inputs(evidence.innovation[i], evidence.variance[i], noise[i])

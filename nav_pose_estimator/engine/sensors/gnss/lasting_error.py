@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from nav_pose_estimator.core.filter.blocks import Wander
+from nav_pose_estimator.core.filter.blocks import GaussMarkov
 from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
 from nav_pose_estimator.core.numerics.jit import kernel
 from nav_pose_estimator.engine.parameters.gnss import GnssParameters
@@ -65,11 +65,11 @@ def first_cov(gnss: GnssParameters) -> np.ndarray:
     return np.diag(np.square([*position_sd(gnss), *velocity_sd(gnss)]))
 
 
-def wander(gnss: GnssParameters, position_variance: np.ndarray, identified: NoiseIdentification) -> Wander:
+def process(gnss: GnssParameters, position_variance: np.ndarray, identified: NoiseIdentification) -> GaussMarkov:
     """Process model of the six states with the identified factors ``identified``: driving noise 2 sd^2 / tau."""
     tau = np.array([_POSITION_TAU / identified.position.lasting] * 3 + [_VELOCITY_TAU] * 3)
     sd = np.array([*np.sqrt(position_variance), *velocity_sd(gnss, identified.velocity.lasting)])
-    return Wander(walk=tuple((sd * np.sqrt(2.0 / tau)).tolist()), tau=tuple(tau.tolist()))
+    return GaussMarkov(walk=tuple((sd * np.sqrt(2.0 / tau)).tolist()), tau=tuple(tau.tolist()))
 
 
 def white_position(R: np.ndarray, shared: float, lasting: np.ndarray, identified: NoiseIdentification) -> np.ndarray:

@@ -73,9 +73,9 @@ class GyroWatch:
             journal.say(stamp_ns, "imu.gyroscope.fits", Level.INFO, "the gyroscope's rates fit GNSS again")
             return
         # the filter multiplies the rates by 1 - s
-        told = ", ".join(f"{1.0 / (1.0 - s):.2f} ({axis})" for axis, s in known.items())
+        divisors = ", ".join(f"{1.0 / (1.0 - s):.2f} ({axis})" for axis, s in known.items())
         text = (
-            f"the gyroscope fits GNSS when its rates are divided by {told}, which the navigator does from now on: "
+            f"the gyroscope fits GNSS when its rates are divided by {divisors}, which the navigator does from now on: "
             "check range and unit in the driver; in steady turns, a bias that has changed looks the same"
         )
         journal.say(stamp_ns, "imu.gyroscope.scale", Level.WARN, text)

@@ -39,8 +39,8 @@ class CompassCheck:
         self._is_turned = False
         self._is_unsteady = False
         self._doubt_lasts = 0.0
-        self._is_told = is_rejected
-        self._cause_is_told = False
+        self._is_reported = is_rejected
+        self._cause_is_reported = False
 
     @property
     def doubted(self) -> bool:
@@ -66,16 +66,20 @@ class CompassCheck:
         self._is_turned = abs(offset) > (_STRAIGHT if self._is_turned else _TURNED)
         self._is_unsteady = self.spread > (_CALM if self._is_unsteady else _SPREAD)
         if not self.doubted:
-            was_told, self._is_told, self._doubt_lasts = self._is_told, False, 0.0
-            return ("mag.heading.agrees", "the magnetic heading agrees with the motion again") if was_told else ("", "")
+            was_reported, self._is_reported, self._doubt_lasts = self._is_reported, False, 0.0
+            return (
+                ("mag.heading.agrees", "the magnetic heading agrees with the motion again")
+                if was_reported
+                else ("", "")
+            )
         self._doubt_lasts += seconds
-        if self._is_told:
+        if self._is_reported:
             return self._cause()
         return self._doubt(offset) if self._doubt_lasts >= _PERSISTENCE else ("", "")
 
     def _doubt(self, offset: float) -> tuple[str, str]:
         cause = self._swing.cause()
-        self._is_told, self._cause_is_told = True, bool(cause)
+        self._is_reported, self._cause_is_reported = True, bool(cause)
         if self._is_turned:
             how = f"differs by {math.degrees(abs(offset)):.0f} deg from the heading that motion shows"
             cause = cause or single_cause(offset)
@@ -87,8 +91,8 @@ class CompassCheck:
 
     def _cause(self) -> tuple[str, str]:
         """Event with the cause, once, when turns have revealed it."""
-        cause = "" if self._cause_is_told else self._swing.cause()
+        cause = "" if self._cause_is_reported else self._swing.cause()
         if not cause:
             return "", ""
-        self._cause_is_told = True
+        self._cause_is_reported = True
         return "mag.heading.cause", f"cause of the wrong magnetic heading, from the turns so far: {cause}; {CURE}"

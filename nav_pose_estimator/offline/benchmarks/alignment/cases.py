@@ -66,7 +66,7 @@ class Case:
         }
         return update(change or Parameters(), _TRUSTED | values)
 
-    def told(self, condition: str) -> Scenario:
+    def scenario_for(self, condition: str) -> Scenario:
         """The scenario with the receiver of ``condition``."""
         scenario = find_scenario(self.scenario)
         assert scenario.gnss is not None, "nothing aligns without GNSS"

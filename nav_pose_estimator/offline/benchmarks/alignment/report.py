@@ -11,7 +11,7 @@ import numpy as np
 from nav_pose_estimator.offline.benchmarks.alignment.cases import CASES
 from nav_pose_estimator.offline.benchmarks.alignment.summary import Summary, judged
 from nav_pose_estimator.offline.benchmarks.alignment.trial import Trial
-from nav_pose_estimator.offline.benchmarks.tables import markdown
+from nav_pose_estimator.offline.benchmarks.tables import markdown, number
 from nav_pose_estimator.offline.page import page
 from nav_pose_estimator.offline.page.svg import Plot
 
@@ -31,7 +31,6 @@ HEADER = [
     "R / R0",
 ]
 GOAL_HEADER = ["case", "receiver", "goal of innovation_adaptive", "value", "limits", ""]
-_STYLES = ("a", "b", "c", "d", "e", "f")
 _LEAST = 1e-3  # deg, of a logarithmic plot
 
 
@@ -41,17 +40,17 @@ def table_rows(summaries: list[Summary]) -> list[list[str]]:
         [
             s.condition,
             s.method,
-            _number(s.to_1_deg_s, 0),
-            _number(s.to_1_deg_p90_s, 0),
-            _number(s.to_5_arcmin_s, 0),
+            number(s.to_1_deg_s, 0),
+            number(s.to_1_deg_p90_s, 0),
+            number(s.to_5_arcmin_s, 0),
             f"{100.0 * s.within_5_arcmin:.0f} %",
-            _number(s.heading_rms_deg, 3),
+            number(s.heading_rms_deg, 3),
             "–" if math.isnan(s.heading_low_deg) else f"{s.heading_low_deg:.3f}-{s.heading_high_deg:.3f}",
-            _number(s.final_heading_deg, 3),
-            _number(s.tilt_rms_deg, 3),
-            _number(s.position_rms_m, 2),
-            _number(s.nees, 2),
-            _number(s.factor, 1),
+            number(s.final_heading_deg, 3),
+            number(s.tilt_rms_deg, 3),
+            number(s.position_rms_m, 2),
+            number(s.nees, 2),
+            number(s.factor, 1),
         ]
         for s in summaries
     ]
@@ -95,14 +94,10 @@ def _plot(trials: list[Trial]) -> Plot:
     plot = Plot("s", "heading error, deg", log=True)
     end = max(t.t[-1] for t in trials if t.t)
     seconds = np.arange(1.0, end)
-    for style, method in zip(_STYLES, dict.fromkeys(t.method for t in trials), strict=False):
+    for style, method in zip(page.LINES, dict.fromkeys(t.method for t in trials), strict=False):
         curves = [
             np.interp(seconds, t.t, np.abs(t.heading_deg), left=180.0) for t in trials if t.method == method and t.t
         ]
         if curves:
             plot.line(seconds, np.maximum(np.median(curves, axis=0), _LEAST), style, method)
     return plot
-
-
-def _number(value: float, digits: int) -> str:
-    return "never" if math.isinf(value) else f"{value:.{digits}f}"

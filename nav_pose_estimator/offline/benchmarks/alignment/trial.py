@@ -13,8 +13,9 @@ from nav_pose_estimator.core.filter.blocks import state_count
 from nav_pose_estimator.core.filter.error_state import error_between, inject
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.samples import ImuBlock, ImuSample
+from nav_pose_estimator.engine.samples import ImuBlock
 from nav_pose_estimator.offline.benchmarks.alignment.cases import Case, start_deviations
+from nav_pose_estimator.offline.benchmarks.outage.statistics import rms
 from nav_pose_estimator.sim.noise import stream
 from nav_pose_estimator.sim.recording import Recording
 from nav_pose_estimator.sim.scenarios import generate
@@ -48,8 +49,8 @@ class Trial:
 
 def run_trials(case: Case, condition: str, seed: int, methods: tuple[str, ...], change: Parameters) -> list[Trial]:
     """All ``methods`` on the same data. ``change``: parameters that the case does not set itself."""
-    recording = generate(case.told(condition), seed=seed, imu=case.grade)
-    gnss = case.told("white").gnss
+    recording = generate(case.scenario_for(condition), seed=seed, imu=case.grade)
+    gnss = case.scenario_for("white").gnss
     assert gnss is not None
     trials = []
     for method in methods:
@@ -90,7 +91,7 @@ def begin(
 
     Returns the samples that remain to be fed.
     """
-    first = ImuSample(int(block.stamps_ns[0]), tuple(block.gyro[0].tolist()), tuple(block.accel[0].tolist()))
+    first = next(block.samples())
     engine.feed(first)
     nav = true_nav(recording.truth, 0)
     nav[at.PREV_RATE : at.PREV_RATE + 3], nav[at.PREV_FORCE : at.PREV_FORCE + 3] = first.gyro, first.accel
@@ -137,10 +138,10 @@ def _judge(recording: Recording, errors: np.ndarray, engine: SinsEngine, names: 
         recording.seed,
         to_1_deg_s=_settled(t, heading, 1.0),
         to_5_arcmin_s=_settled(t, heading, ARC_MINUTES / 60.0),
-        heading_rms_deg=math.degrees(_rms(later[:, 1 + at.PHI + 2])),
-        tilt_rms_deg=math.degrees(_rms(np.hypot(later[:, 1 + at.PHI], later[:, 2 + at.PHI]))),
+        heading_rms_deg=math.degrees(rms(later[:, 1 + at.PHI + 2])),
+        tilt_rms_deg=math.degrees(rms(np.hypot(later[:, 1 + at.PHI], later[:, 2 + at.PHI]))),
         final_heading_deg=float(heading[-1]) if len(heading) else math.nan,
-        position_rms_m=_rms(np.hypot(later[:, 1 + at.DPOS], later[:, 2 + at.DPOS])),
+        position_rms_m=rms(np.hypot(later[:, 1 + at.DPOS], later[:, 2 + at.DPOS])),
         nees=float(np.mean(later[:, -1])) if len(later) else math.nan,
         factor=max(values["gnss.noise.position_factor"], values["gnss.noise.velocity_factor"]),
         t=tuple(t.tolist()),
@@ -153,7 +154,3 @@ def _settled(t: np.ndarray, error: np.ndarray, limit: float) -> float:
     outside = np.flatnonzero(np.abs(error) >= limit)
     first = outside[-1] + 1 if len(outside) else 0
     return float(t[first]) if first < len(t) else math.inf
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2))) if len(values) else math.nan

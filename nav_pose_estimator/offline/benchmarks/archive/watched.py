@@ -66,9 +66,9 @@ def run(options: Sequence[str], kept: Path, kill: Kill | None = None, workers: S
             os.kill(process.pid if kill.command else pool[0], signal.SIGKILL)
         time.sleep(_POLL)
     cost.elapsed = time.monotonic() - began
-    said = process.communicate()[0]
+    output = process.communicate()[0]
     if process.returncode != 0 and not (kill is not None and kill.command):
-        raise RuntimeError(f"{' '.join(command[1:5])} said: {said.strip()[-300:]}")
+        raise RuntimeError(f"{' '.join(command[1:5])} said: {output.strip()[-300:]}")
     if waits:
         raise RuntimeError(f"{' '.join(command[1:5])} was ready before it could be disturbed: give it more flights")
     return cost

@@ -1,17 +1,15 @@
 """Tables and plots of ``benchmark attitude``."""
 
-import math
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from nav_pose_estimator.offline.benchmarks.attitude.row import Row
-from nav_pose_estimator.offline.benchmarks.tables import markdown
+from nav_pose_estimator.offline.benchmarks.tables import markdown, percent
 from nav_pose_estimator.offline.page import page
 from nav_pose_estimator.offline.page.svg import Plot
 
-_STYLES = ("a", "b", "c", "d", "e", "f", "a dash", "b dash", "c dash")
 HEADER = ["method", "inclination", "heading", "total", "tilt in 95 %", "heading in 95 %", "us/sample"]
 
 
@@ -38,8 +36,8 @@ def table_rows(rows: list[Row]) -> list[list[str]]:
             degrees(row, "inclination_deg"),
             f"{row.heading_deg:.2f}",
             degrees(row, "total_deg"),
-            _percent(row.tilt_in_95),
-            _percent(row.heading_in_95),
+            percent(row.tilt_in_95),
+            percent(row.heading_in_95),
             f"{row.us_per_sample:.2f}",
         ]
         for row in rows
@@ -69,14 +67,10 @@ def _body(rows: list[Row], means: list[Row], advance: float) -> Iterator[str]:
 
 def _plot(rows: list[Row], name: str, label: str) -> Plot:
     plot = Plot("trial", label, log=True, height=280)
-    for style, method in zip(_STYLES, dict.fromkeys(row.method for row in rows), strict=False):
+    for style, method in zip(page.LINES, dict.fromkeys(row.method for row in rows), strict=False):
         values = [getattr(row, name) for row in rows if row.method == method]
         plot.line(np.arange(1, len(values) + 1), np.array(values), style, method)
     return plot
-
-
-def _percent(share: float) -> str:
-    return "–" if math.isnan(share) else f"{100.0 * share:.0f} %"
 
 
 def _bold(cell: str) -> str:

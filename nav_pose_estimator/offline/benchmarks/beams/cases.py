@@ -41,7 +41,7 @@ class Case:
         assert self.scenario.doppler is not None
         return self.scenario.doppler
 
-    def told(self, length: float, mounting: float) -> Scenario:
+    def scenario_for(self, length: float, mounting: float) -> Scenario:
         """The scenario with ``length`` [s] after GNSS, the sensor turned by ``mounting`` [rad] about its z axis."""
         turned = replace(self.doppler, misalignment=(0.0, 0.0, mounting))
         return replace(self.scenario, duration=self.aided + length, doppler=turned)

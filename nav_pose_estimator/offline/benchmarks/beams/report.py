@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from pathlib import Path
 
 from nav_pose_estimator.offline.benchmarks.beams.cases import CASES
 from nav_pose_estimator.offline.benchmarks.beams.methods import METHODS
 from nav_pose_estimator.offline.benchmarks.beams.summary import Summary
-from nav_pose_estimator.offline.benchmarks.tables import markdown
+from nav_pose_estimator.offline.benchmarks.tables import markdown, number, percent
 from nav_pose_estimator.offline.page import page
 
 DETAIL = ["fault", "method", "median, %", "RMS, %", "velocity, m/s", "heading, deg", "mounting, deg", "NEES",
@@ -47,14 +46,14 @@ def details(rows: list[Summary]) -> list[list[str]]:
         [
             s.fault,
             s.method,
-            _number(s.percent_median, 3),
-            _number(s.percent_rms, 3),
-            _number(s.velocity_rms, 4),
-            _number(s.heading_rms_deg, 2),
-            _number(s.mounting_rms_deg, 2),
-            _number(s.nees, 2),
-            _percent(s.refused_healthy),
-            _percent(s.refused_faulty),
+            number(s.percent_median, 3),
+            number(s.percent_rms, 3),
+            number(s.velocity_rms, 4),
+            number(s.heading_rms_deg, 2),
+            number(s.mounting_rms_deg, 2),
+            number(s.nees, 2),
+            percent(s.refused_healthy, 1),
+            percent(s.refused_faulty, 1),
         ]
         for s in rows
     ]
@@ -79,11 +78,3 @@ def _body(summaries: list[Summary], goals: list[list[str]]) -> Iterator[str]:
 def _by_case(summaries: list[Summary]) -> Iterator[tuple[str, list[Summary]]]:
     for case in dict.fromkeys(s.case for s in summaries):
         yield case, [s for s in summaries if s.case == case]
-
-
-def _number(value: float, places: int) -> str:
-    return "–" if math.isnan(value) else f"{value:.{places}f}"
-
-
-def _percent(share: float) -> str:
-    return "–" if math.isnan(share) else f"{100.0 * share:.1f} %"

@@ -65,7 +65,7 @@ def _summary(names: tuple[str, str, str], trials: list[Trial]) -> Summary:
 def judged(summaries: list[Summary], length: float = USUAL_LENGTH, is_turned: bool = False) -> list[list[str]]:
     """A row for every goal that can be judged: case, fault, what, value, limits, met or missed.
 
-    ``length`` [s] without GNSS; ``is_turned``: the sensor sits otherwise than the estimator is told.
+    ``length`` [s] without GNSS; ``is_turned``: the mounting of the sensor differs from the parameters.
     """
     rows, goals, allowance = [], GOALS.get(length, {}), ALLOWANCE if is_turned else 1.0
     for s in summaries:

@@ -71,7 +71,7 @@ def run_seed(
     ``mounting`` [rad]: rotation of the sensor about its z axis that is unknown to the estimator. Each method processes
     the time with GNSS once; every fault is then run with a copy of the estimator.
     """
-    recording = generate(case.told(length, mounting), seed=seed, imu=case.grade)
+    recording = generate(case.scenario_for(length, mounting), seed=seed, imu=case.grade)
     begin_ns = recording.start_ns + round(case.aided * 1e9)
     recording = without_gnss(recording, begin_ns)
     trials = []

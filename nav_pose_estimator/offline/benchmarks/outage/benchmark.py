@@ -78,9 +78,9 @@ def run(arguments: argparse.Namespace) -> int:
         folder.mkdir(exist_ok=True)
         options = {name: str(getattr(arguments, name)) for name in ("every", "first", "lengths")}
         output.write(folder, flights, rows, summaries, options)
-        output.tell(flights, rows, summaries)
+        output.print_summary(flights, rows, summaries)
         if groups is not None:
-            output.tell_verdicts(summaries)
+            output.print_verdicts(summaries)
     print(f"report: {arguments.out / REPORT}")
     return 0
 

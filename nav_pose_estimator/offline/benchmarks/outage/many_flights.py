@@ -9,8 +9,8 @@ from nav_pose_estimator.offline.archive.jobs import LOCAL, Failure
 from nav_pose_estimator.offline.archive.kept import KeptResults, key_of
 from nav_pose_estimator.offline.archive.resumed import carry_on
 from nav_pose_estimator.offline.benchmarks.outage.trials import FlightResult, Task, run_flight
-from nav_pose_estimator.offline.flights.recording import sidecar_path
-from nav_pose_estimator.offline.terminal import printable
+from nav_pose_estimator.offline.sidecar import sidecar_path
+from nav_pose_estimator.offline.terminal import note_left_out
 
 
 def run_all(tasks: list[Task], processes: int, scheduler: str, out: Path) -> list[FlightResult]:
@@ -37,7 +37,7 @@ def run_all(tasks: list[Task], processes: int, scheduler: str, out: Path) -> lis
 def _without_failed(flights: list[list[Task]], done: dict[int, Any]) -> list[FlightResult]:
     failed = {flights[i][0].bag: done[i] for i in sorted(done) if isinstance(done[i], Failure)}
     for bag, failure in failed.items():
-        print(f"note: {printable(f'{bag.name} is left out: {failure.why}')}", file=sys.stderr)
+        note_left_out(bag.name, failure.why)
     good = [i for i in range(len(flights)) if flights[i][0].bag not in failed]
     if not good:
         raise UserError(f"none of the recordings can be used; the first: {next(iter(failed.values())).why}")

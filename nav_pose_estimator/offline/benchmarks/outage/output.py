@@ -56,7 +56,7 @@ def write(
     write_report(folder / REPORT, flights, summaries, rows)
 
 
-def tell(flights: list[FlightResult], rows: list[Row], summaries: list[Summary]) -> None:
+def print_summary(flights: list[FlightResult], rows: list[Row], summaries: list[Summary]) -> None:
     """Print the tables, and the autocorrelation of the innovations, which are white for an optimal filter."""
     left_out = {
         (row.bag, row.length_s, row.start_s, f"{row.status}: {row.why}" if row.why else row.status)
@@ -74,7 +74,7 @@ def tell(flights: list[FlightResult], rows: list[Row], summaries: list[Summary])
         print(f"{bag}: " + ", ".join("–" if math.isnan(value) else f"{value:.2f}" for value in white))
 
 
-def tell_verdicts(summaries: list[Summary]) -> None:
+def print_verdicts(summaries: list[Summary]) -> None:
     """Print how every method compares with the best classical one."""
     print(f"\nRMS over that of each flight's best classical method, flights with {LEAST_OUTAGES} outages or more:")
     for method, length in dict.fromkeys((s.method, s.length_s) for s in summaries):

@@ -10,11 +10,11 @@ import numpy as np
 from nav_pose_estimator.offline.benchmarks.outage.scores import probability
 from nav_pose_estimator.offline.benchmarks.outage.statistics import ALL, Row, Summary, comparable
 from nav_pose_estimator.offline.benchmarks.outage.trials import GRID, FlightResult
+from nav_pose_estimator.offline.benchmarks.tables import number, percent
 from nav_pose_estimator.offline.flights.methods import classical
 from nav_pose_estimator.offline.page import page
 from nav_pose_estimator.offline.page.svg import Plot
 
-_STYLES = ("a", "b", "c", "d", "e", "f", "a dash", "b dash", "c dash")
 HEADER = [
     "method",
     "n",
@@ -47,18 +47,18 @@ def table_rows(summaries: list[Summary]) -> list[list[str]]:
         [
             s.method,
             str(s.outages),
-            ("*" if s.median_m == best["median_m"] else "") + _number(s.median_m),
-            f"{_number(s.median_low_m)} to {_number(s.median_high_m)}",
-            ("*" if s.rms_m == best["rms_m"] else "") + _number(s.rms_m),
-            _number(s.p90_m),
-            _number(s.max_m),
-            _share(s.within_3_sigma),
-            _number(s.error_over_sigma, 2),
-            _number(s.rms_ratio, 2),
-            _share(s.win_rate),
-            f"{_share(s.within_1_sigma)}, {_share(s.within_2_sigma)}",
-            _number(s.log_score, 2),
-            _number(s.energy_score_m),
+            ("*" if s.median_m == best["median_m"] else "") + number(s.median_m),
+            f"{number(s.median_low_m)} to {number(s.median_high_m)}",
+            ("*" if s.rms_m == best["rms_m"] else "") + number(s.rms_m),
+            number(s.p90_m),
+            number(s.max_m),
+            percent(s.within_3_sigma),
+            number(s.error_over_sigma, 2),
+            number(s.rms_ratio, 2),
+            percent(s.win_rate),
+            f"{percent(s.within_1_sigma)}, {percent(s.within_2_sigma)}",
+            number(s.log_score, 2),
+            number(s.energy_score_m),
         ]
         for s in summaries
     ]
@@ -91,7 +91,7 @@ def _reliability(rows: list[Row]) -> Iterator[str]:
     """Reliability of each method with a sigma over all outages: stated probability and observed frequency."""
     plot = Plot("stated probability", "share of outages", height=320, y_range=(0.0, 1.0))
     plot.line(np.array([0.0, 1.0]), np.array([0.0, 1.0]), "f dash")
-    styles, drawn = iter(_STYLES), False
+    styles, drawn = iter(page.LINES), False
     for method in dict.fromkeys(row.method for row in rows):
         pairs = np.array([(row.end_error_m, row.end_sigma_m) for row in rows if row.method == method])
         pairs = pairs[pairs[:, 1] > 0.0]
@@ -109,7 +109,7 @@ def _flight(passes: list[FlightResult]) -> Iterator[str]:
     yield f'<p class="soft">Flight from {begin:.0f} to {end:.0f} s, GNSS latency {first.delay:.3f} s. '
     yield f"{sum(p.proof for p in passes)} GNSS samples passed the door of an estimator in an outage, none of them "
     yield "valid inside it. Autocorrelation of GNSS innovations from one to the next, position and velocity: "
-    yield f"{_number(first.white[0], 2)} and {_number(first.white[1], 2)} (white: below 0.2).</p>"
+    yield f"{number(first.white[0], 2)} and {number(first.white[1], 2)} (white: below 0.2).</p>"
     growth = {method: curves for flight in passes for method, curves in flight.growth.items()}
     if growth:
         yield page.figure(_growth(growth), "Median horizontal error; band: 25 to 75 % of the outages, first method.")
@@ -119,13 +119,13 @@ def _flight(passes: list[FlightResult]) -> Iterator[str]:
 
 def _growth(growth: dict[str, np.ndarray]) -> Plot:
     plot = Plot("s since GNSS was lost", "horizontal error, m", height=320, log=True)
-    for (method, curves), style in zip(growth.items(), _STYLES, strict=False):
+    for (method, curves), style in zip(growth.items(), page.LINES, strict=False):
         seen = np.isfinite(curves).sum(axis=0) >= max(1, len(curves) // 4)
         if not seen.any():
             continue
         t = np.arange(curves.shape[1])[seen] * GRID
         low, middle, high = np.nanpercentile(curves[:, seen], [25, 50, 75], axis=0)
-        if style == _STYLES[0]:
+        if style == page.LINES[0]:
             plot.band(t, low, high, style)
         plot.line(t, middle, style, method)
     return plot
@@ -138,11 +138,3 @@ def _map(flight: FlightResult) -> Plot:
         if math.isfinite(east):
             plot.mark(east, north, "dot")
     return plot
-
-
-def _share(value: float) -> str:
-    return "–" if math.isnan(value) else f"{100.0 * value:.0f} %"
-
-
-def _number(value: float, digits: int = 1) -> str:
-    return f"{value:.{digits}f}" if math.isfinite(value) else "–"

@@ -71,8 +71,7 @@ def singles(flight: list[Sample], count: int) -> list[ImuSample]:
     out: list[ImuSample] = []
     for block in flight:
         if isinstance(block, ImuBlock):
-            rows = zip(block.stamps_ns.tolist(), block.gyro.tolist(), block.accel.tolist(), strict=True)
-            out += [ImuSample(t, tuple(w), tuple(f)) for t, w, f in rows]
+            out += block.samples()
             if len(out) >= count:
                 break
     return out[:count]

@@ -167,13 +167,6 @@ def plain_python_cost() -> float:
     return 1e6 * best_time(fly, prepare=lambda: engine.restore(start)) / len(imu)
 
 
-def write_flight_bag(path: Path, seconds: float, imu_hz: float = IMU_HZ, gnss_hz: float = 5.0) -> None:
-    """``plain_flight`` as a rosbag2 (mcap)."""
-    from nav_pose_estimator.offline.benchmarks.speed.plain_flight import samples
-
-    write_samples(path, samples(seconds, imu_hz, gnss_hz))
-
-
 def start_up(scratch: Path) -> list[Figure]:
     """Time and memory of a process until it is ready: with compiled kernels and, in a copy of the package, without.
 

@@ -77,8 +77,8 @@ def _parse(path: Path) -> tuple[Any, list[str]]:
     except ModuleNotFoundError:
         raise BagError(f"{path.name} is a PX4 ULog, which the package pyulog reads: pip install pyulog") from None
     refused = getattr(pyulog, "ULogException", TypeError)  # an exception of its own since 1.3
-    said = io.StringIO()
-    with path.open("rb", buffering=0) as raw, _Watched(raw) as file, redirect_stdout(said):
+    ignored = io.StringIO()
+    with path.open("rb", buffering=0) as raw, _Watched(raw) as file, redirect_stdout(ignored):
         try:
             log = pyulog.ULog(file, list(TOPICS))
         except refused as error:
