@@ -262,11 +262,10 @@ class VelocityError:
     cov: np.ndarray
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Hypothesis:
     """Hypothesis about the vehicle's motion (a regime such as hover or travel) and its statistics; ``None``: not used.
 
-    To be treated as frozen: dataclasses that are cost more to make than the rest of an epoch's evidence.
     ``probability`` at the loss of GNSS. ``velocity_var`` [m^2/s^2]: variance of each horizontal velocity component
     about zero, one independent sample per ``velocity_time`` [s]; with ``velocity_time`` None the velocity only
     discriminates between hypotheses. ``air_noise`` (3,) [m^2/s^2]: noise of the predicted air velocity in b.
@@ -290,11 +289,10 @@ class Hypothesis:
     lasting: "Hypothesis | None" = None
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class MotionEvidence:
     """Evidence of the motion over the last ``interval`` [s] of an outage: means of the solution, prediction, regimes.
 
-    To be treated as frozen, like ``Hypothesis``.
     ``attitude`` (3, 3): mean C_nb; ``velocity`` in n and ``body_velocity`` (mean of C^T v) [m/s]: means of the
     estimate. ``air_velocity``: predicted in b [m/s], None without a prediction. ``wind`` (East, North) [m/s] at the
     beginning of the outage, its long-term mean ``wind_mean``, present covariance ``wind_cov`` (2, 2), long-term

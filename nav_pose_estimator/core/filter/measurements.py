@@ -1,8 +1,7 @@
 """Linearised observation models: each returns ``(z, H)`` with ``z = estimate - measurement``.
 
 ``H`` maps the error state (``filter.error_state``) to ``z``; it has as many columns as the filter has states. The
-caller supplies the measurement noise. Frames: n is ENU, b is FLU. Models of one row are plain Python, because a kernel
-takes longer to return two small arrays than Python to make them; all others are kernels.
+caller supplies the measurement noise. Frames: n is ENU, b is FLU. All functions are kernels.
 
 Sources: Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems, 2nd ed., eq. 14.103-14.115
 (position and velocity with lever arm, there with the opposite sign of the attitude error); CN113777645A step 3.
@@ -131,9 +130,11 @@ def zero_velocity(nav, states):
     return z, H
 
 
+@kernel
 def height(nav, states, alt):
     """Height above the ellipsoid [m]."""
-    z, H = np.array([nav[ALT] - alt]), np.zeros((1, states))
+    z = np.array([nav[ALT] - alt])
+    H = np.zeros((1, states))
     H[0, DPOS + 2] = 1.0
     return z, H
 
@@ -152,23 +153,19 @@ def height_in_water(nav, states, bias, alt):
     return z, H
 
 
-def magnetic_heading(nav, states, mag_x, mag_y, mag_z, declination):
-    """Magnetic heading: z [rad] is the heading error phi_z."""
-    z, H = np.array([heading_error(nav, mag_x, mag_y, mag_z, declination)]), np.zeros((1, states))
-    H[0, PHI + 2] = 1.0
-    return z, H
-
-
 @kernel
-def heading_error(nav, mag_x, mag_y, mag_z, declination):
-    """The heading error phi_z [rad] that a field in b shows, levelled with the estimated tilt.
+def magnetic_heading(nav, states, mag_x, mag_y, mag_z, declination):
+    """Magnetic heading: z [rad] is the heading error phi_z, from the field levelled with the estimated tilt.
 
     With ``C_hat = (I - [phi x]) C`` the levelled field of direction (sin D, cos D) appears turned clockwise by phi_z.
     """
     C = quat_to_matrix(nav[QUAT : QUAT + 4])
     east = C[0, 0] * mag_x + C[0, 1] * mag_y + C[0, 2] * mag_z
     north = C[1, 0] * mag_x + C[1, 1] * mag_y + C[1, 2] * mag_z
-    return wrap_angle(math.atan2(east, north) - declination)
+    z = np.array([wrap_angle(math.atan2(east, north) - declination)])
+    H = np.zeros((1, states))
+    H[0, PHI + 2] = 1.0
+    return z, H
 
 
 @kernel

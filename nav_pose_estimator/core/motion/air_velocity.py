@@ -95,9 +95,7 @@ class AirVelocityModel:
 
     def doubt(self, x: Array) -> Array:
         """Factor (N,) on the noise at inputs (N, n): for extrapolation, and for poorly determined coefficients."""
-        factor = np.empty(len(x))
-        doubt(self.network.novelty(x), x, self.parameter_cov, factor)
-        return factor
+        return np.asarray(doubt(self.network.novelty(x), x, self.parameter_cov))
 
     @property
     def is_guided(self) -> bool:

@@ -21,16 +21,10 @@ ACTIVITY_EPOCHS = 4
 _STILL = 1e-4  # (m/s^2)^2: added to the mean square acceleration, so that its logarithm is bounded at rest
 
 
-def epoch(t: float, rows: np.ndarray) -> np.ndarray:
+@kernel
+def epoch(t, rows):
     """The epoch that ends at ``t`` [s] from output rows (N, OUT_COLUMNS) of ``core.filter.layout``, N > 0."""
     mean = np.zeros(COLUMNS)
-    _mean_of(rows, mean)
-    mean[TIME] = t
-    return mean
-
-
-@kernel
-def _mean_of(rows, mean):
     N = rows.shape[0]
     for n in range(N):
         C = quat_to_matrix(rows[n, OUT_QUAT : OUT_QUAT + 4])
@@ -44,6 +38,8 @@ def _mean_of(rows, mean):
             mean[POSITION + i] += rows[n, OUT_POS + i]
     for c in range(COLUMNS):
         mean[c] /= N
+    mean[TIME] = t
+    return mean
 
 
 def attitude(epochs: np.ndarray) -> np.ndarray:

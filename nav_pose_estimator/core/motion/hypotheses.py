@@ -32,13 +32,13 @@ _MOST_ROWS = 7  # of the observations that a hypothesis implies: velocity (2), a
 
 
 @kernel
-def decide(branches, weights, lost_at, evidence, hypotheses, likely):
+def decide(branches, weights, lost_at, evidence, hypotheses):
     """Apply hypotheses (K, HYPOTHESIS_SIZE) to branches (K, ...) of ``weights`` (K,), and merge the results by
     hypothesis.
 
     ``lost_at`` (3,): latitude, longitude [rad], height [m] where GNSS was lost; NaN once the vehicle has left that
-    area. ``likely`` (K,) receives the likelihoods of the hypotheses, by which the branches are to be weighted; their
-    sum is zero, and the branches are unchanged, where none is possible.
+    area. Returns the likelihoods (K,) of the hypotheses, by which the branches are to be weighted; their sum is zero,
+    and the branches are unchanged, where none is possible.
     """
     K, n = len(branches), int(branches[0, memory.STATES])
     constants = branches[0, memory.CONSTANTS : memory.ORIGIN]
@@ -47,8 +47,8 @@ def decide(branches, weights, lost_at, evidence, hypotheses, likely):
         for i in range(K):
             _copy_of(branches[i], evidence, navs[j, i], Ps[j, i])
     joint = _joint_weights(navs, Ps, constants, weights, lost_at, evidence, hypotheses)
+    likely = np.zeros(K)
     for j in range(K):
-        likely[j] = 0.0
         for i in range(K):
             likely[j] += joint[j, i]
         if likely[j] > 0.0:
@@ -58,6 +58,7 @@ def decide(branches, weights, lost_at, evidence, hypotheses, likely):
             for i in range(n):
                 for k in range(n):
                     branches[j, memory.HEAD + n * i + k] = P[i, k]
+    return likely
 
 
 @kernel

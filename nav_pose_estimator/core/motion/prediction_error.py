@@ -15,12 +15,12 @@ _STRANGE = 10.0  # factor on the noise of a prediction far from the training dat
 
 
 @kernel
-def doubt(novelty, x, cov, factor):
-    """Write the ``factor`` (N,) on the noise at inputs ``x`` (N, n), larger if far from data or coefficients are poor.
+def doubt(novelty, x, cov):
+    """Factor (N,) on the noise at inputs ``x`` (N, n): for extrapolation, and for poorly determined coefficients.
 
     ``novelty`` (N,) as ``Anfis.novelty``; ``cov`` (n + 1, n + 1): covariance of a linear law's coefficients of (x, 1).
     """
-    n = x.shape[1]
+    factor, n = np.empty(len(x)), x.shape[1]
     for row in range(len(x)):
         variance = cov[n, n]
         for i in range(n):
@@ -29,6 +29,7 @@ def doubt(novelty, x, cov, factor):
                 variance += x[row, i] * cov[i, j] * x[row, j]
         strange = 1.0 + (_STRANGE - 1.0) * min(max(novelty[row] - 1.0, 0.0), 1.0)
         factor[row] = strange * (1.0 + LASTING * variance)
+    return factor
 
 
 @kernel

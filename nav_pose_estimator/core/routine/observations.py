@@ -155,7 +155,8 @@ def _heading(nav, P, event, settings, result):
     if not math.sqrt(P[PHI + 2, PHI + 2]) < settings[table.HEADING_SD]:
         return False
     x, y, z = event[table.EVENT_VALUE], event[table.EVENT_VALUE + 1], event[table.EVENT_VALUE + 2]
-    result[table.RESULT_ERROR] = measurements.heading_error(nav, x, y, z, settings[table.DECLINATION])
+    error, _ = measurements.magnetic_heading(nav, len(P), x, y, z, settings[table.DECLINATION])
+    result[table.RESULT_ERROR] = error[0]
     for i in range(4):
         result[table.RESULT_QUAT + i] = nav[QUAT + i]
     return True

@@ -136,12 +136,10 @@ class Branches:
         chosen = first if all(map(is_, lasting, evidence.hypotheses)) else _table(lasting)
         lost_at = self._lost_at if math.isinf(self._left) else np.full(3, math.nan)
         said = _said(evidence, fades=not self._wind_is_measured)
-        likely = np.empty(len(chosen))
-        hypotheses.decide(self.memories, self.weights, lost_at, said, chosen, likely)
-        shares = likely.tolist()
-        if not any(shares):
+        likely = hypotheses.decide(self.memories, self.weights, lost_at, said, chosen).tolist()
+        if not any(likely):
             return
-        self.weights = np.array(_shares([max(share, _LEAST_WEIGHT) for share in _shares(shares)]))
+        self.weights = np.array(_shares([max(share, _LEAST_WEIGHT) for share in _shares(likely)]))
         while self._decisions and self._decisions[0][0] < now - _REMEMBERED:
             self._decisions.popleft()
         self._decisions.append((now, self.weights))

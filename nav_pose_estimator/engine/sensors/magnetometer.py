@@ -86,8 +86,8 @@ class Magnetometer(Aid):
     def decide(self, o: Observation, f: FilterView) -> Decision:
         """While GNSS shows the heading learn the offset; otherwise correct the heading by the field."""
         if self._aiding.gnss_is_good(o.t) and math.sqrt(f.P[PHI + 2, PHI + 2]) < KNOWN_HEADING:
-            error = measurements.heading_error(f.nav, *o.measured, self.declination)
-            self.learn(o, error, f.nav[QUAT : QUAT + 4].tolist())
+            z, _ = measurements.magnetic_heading(f.nav, len(f.P), *o.measured, self.declination)
+            self.learn(o, float(z[0]), f.nav[QUAT : QUAT + 4].tolist())
             return LEFT_OUT
         if self._check.doubted or math.isnan(self._offset):
             return LEFT_OUT
