@@ -75,20 +75,19 @@ class KernelCache(FunctionCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> CompileResult | None:
         """The kernel for arguments of the types ``sig``; None if it has to be compiled."""
+        _spare_scipy_linalg()
         rtsys.initialize(target_context)  # what machine code needs at run time
         with self._guard_against_spurious_io_errors():
-            loaded = self._load_overload(sig, target_context)
-        if loaded is None:
-            spare_scipy_linalg()
-        return loaded
+            return self._load_overload(sig, target_context)
 
 
 @cache
-def spare_scipy_linalg() -> None:
-    """Let numba's compiler find its BLAS without importing all of ``scipy.linalg``, which takes 0.2 s.
+def _spare_scipy_linalg() -> None:
+    """Let numba find its BLAS without importing all of ``scipy.linalg``, which takes 0.2 s and is not used here.
 
-    With its versions of NumPy's functions, numba imports ``scipy.linalg.cython_blas``, for which an empty parent
-    package suffices. Both modules are removed again, so that a later import of ``scipy.linalg`` gets the real one.
+    With its versions of NumPy's functions, compiled into a cached kernel or not, numba imports
+    ``scipy.linalg.cython_blas``, for which an empty parent package suffices. Both modules are removed again, so that a
+    later import of ``scipy.linalg`` gets the real one.
     """
     if "scipy.linalg" in sys.modules:
         return
