@@ -33,7 +33,7 @@ from nav_pose_estimator.core.filter.layout import (
 )
 from nav_pose_estimator.core.filter.mixture import merge
 from nav_pose_estimator.core.filter.strapdown import integrate, write_output
-from nav_pose_estimator.core.numerics.jit import inlined, kernel
+from nav_pose_estimator.core.numerics.jit import COMPILED, inlined, kernel
 from nav_pose_estimator.core.numerics.vectors import add_scaled, load3
 
 NAV = 0
@@ -102,10 +102,18 @@ def restore_before(memory, t):
 
 
 @inlined
-def _copy(memory, source, target, count):
+def _copy_by_loop(memory, source, target, count):
     """Copy ``count`` numbers in a loop: slices would also compile code for errors of their lengths."""
     for i in range(count):
         memory[target + i] = memory[source + i]
+
+
+def _copy_by_slices(memory, source, target, count):
+    """``_copy_by_loop`` in plain Python, where a loop takes a hundred times as long."""
+    memory[target : target + count] = memory[source : source + count]
+
+
+_copy = _copy_by_loop if COMPILED else _copy_by_slices
 
 
 @kernel

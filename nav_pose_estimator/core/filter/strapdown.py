@@ -162,9 +162,10 @@ def corrected_rate(nav, constants, gyro):
     rate = add_scaled(gyro, -1.0, load3(nav, GYRO_BIAS))
     if constants[I_GYRO_MATRIX] < 0.0:
         return rate
-    x = rate[0] - nav[GYRO_MATRIX] * rate[0] - nav[GYRO_MATRIX + 1] * rate[1] - nav[GYRO_MATRIX + 2] * rate[2]
-    y = rate[1] - nav[GYRO_MATRIX + 3] * rate[0] - nav[GYRO_MATRIX + 4] * rate[1] - nav[GYRO_MATRIX + 5] * rate[2]
-    z = rate[2] - nav[GYRO_MATRIX + 6] * rate[0] - nav[GYRO_MATRIX + 7] * rate[1] - nav[GYRO_MATRIX + 8] * rate[2]
+    a, b, c = load3(nav, GYRO_MATRIX), load3(nav, GYRO_MATRIX + 3), load3(nav, GYRO_MATRIX + 6)
+    x = rate[0] - a[0] * rate[0] - a[1] * rate[1] - a[2] * rate[2]
+    y = rate[1] - b[0] * rate[0] - b[1] * rate[1] - b[2] * rate[2]
+    z = rate[2] - c[0] * rate[0] - c[1] * rate[1] - c[2] * rate[2]
     return x, y, z
 
 
