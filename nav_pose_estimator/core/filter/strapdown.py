@@ -57,6 +57,7 @@ from nav_pose_estimator.core.numerics.vectors import (
     add,
     add_scaled,
     cross,
+    less_product,
     load3,
     load4,
     q_exp,
@@ -162,11 +163,7 @@ def corrected_rate(nav, constants, gyro):
     rate = add_scaled(gyro, -1.0, load3(nav, GYRO_BIAS))
     if constants[I_GYRO_MATRIX] < 0.0:
         return rate
-    a, b, c = load3(nav, GYRO_MATRIX), load3(nav, GYRO_MATRIX + 3), load3(nav, GYRO_MATRIX + 6)
-    x = rate[0] - a[0] * rate[0] - a[1] * rate[1] - a[2] * rate[2]
-    y = rate[1] - b[0] * rate[0] - b[1] * rate[1] - b[2] * rate[2]
-    z = rate[2] - c[0] * rate[0] - c[1] * rate[1] - c[2] * rate[2]
-    return x, y, z
+    return less_product(rate, nav, GYRO_MATRIX)
 
 
 @inlined
