@@ -49,16 +49,15 @@ class SinsEngine:
 
     def feed(self, sample: Sample) -> list[Output]:
         """Process one sample; returns the solutions and events that follow from it."""
-        outputs: list[Output] = []
+        outputs: Sequence[Output] = ()
         if isinstance(sample, ImuSample):
-            outputs += self._on_sample(sample)
+            outputs = self._on_sample(sample)
         elif isinstance(sample, ImuBlock):
-            outputs += self._carry(self._input.accept_block(sample))
+            outputs = self._carry(self._input.accept_block(sample))
         else:
             intake.take(self.run, sample)
             self.run = _without_wrong_velocities(self.run)
-        events = self.journal.drain()
-        return [*events, *outputs] if events else outputs
+        return [*self.journal.drain(), *outputs]
 
     def feed_all(self, samples: Sequence[Sample]) -> list[Output]:
         """Process samples in order of arrival; the results are those of ``feed``, in fewer and longer blocks."""
@@ -70,10 +69,11 @@ class SinsEngine:
                 if isinstance(sample, ImuBlock):
                     outputs += _on_block(self, backlog, sample, all_pass)
                 elif backlog.may_wait_for(sample):
-                    intake.take(self.run, sample)
-                    if self.run.gnss.reception.velocities.misled:
-                        outputs += _flown(self, backlog)
-                        self.run = _without_wrong_velocities(self.run)
+                    intake.take(backlog.run, sample)
+                    if not backlog.run.gnss.reception.velocities.misled:
+                        continue
+                    outputs += _flown(self, backlog)
+                    self.run = _without_wrong_velocities(self.run)
                 else:
                     outputs += _flown(self, backlog)
                     outputs += self.feed(sample)
