@@ -137,7 +137,8 @@ class SinsEngine:
         run = self.run
         t = (sample.stamp_ns - run.clock.zero_ns) * NS
         if t < run.quiet_until and self._input.passes(sample):
-            in_body = self._input.mounting.sample(sample)
+            mounting = self._input.mounting
+            in_body = sample if mounting.is_none else mounting.sample(sample)
             values = run.timeline.advance_one(t, in_body.gyro, in_body.accel)
             return [NavSolution(sample.stamp_ns, run.modes.mode, values, run.timeline.shift, run.gnss.position.resets)]
         blocks = self._carry(self._input.accept(sample))
