@@ -92,7 +92,8 @@ class Observation:
 
     ``measured``, of a type of the sensor's choice, and ``stated_R`` (m, m), the noise that the sensor states, are never
     written to. ``arrival`` numbers observations in the order of their arrival. ``behind``: it is known ahead of the IMU
-    row of its time, and yet acts behind that row.
+    row of its time, and yet acts behind that row. ``rows_ahead``: while it waits with IMU rows in a stretch, how many
+    of these arrived before it.
     """
 
     t: float
@@ -103,6 +104,7 @@ class Observation:
     arrival: int = 0
     decision: Decision | None = None
     behind: bool = False
+    rows_ahead: int = 0
 
     @property
     def key(self) -> tuple[float, int, int]:

@@ -51,13 +51,15 @@ class ImuBlock:
 
 def joined(parts: Sequence[ImuSample | ImuBlock]) -> ImuBlock:
     """Consecutive IMU samples and blocks as one block."""
-    if len(parts) == 1 and isinstance(parts[0], ImuBlock):
-        return parts[0]
-    singles = [part for part in parts if isinstance(part, ImuSample)]
-    if len(singles) == len(parts):
-        stamps = np.array([sample.stamp_ns for sample in singles])
-        return ImuBlock(stamps, np.array([s.gyro for s in singles]), np.array([s.accel for s in singles]))
-    blocks = [part if isinstance(part, ImuBlock) else joined([part]) for part in parts]
+    blocks = [part for part in parts if isinstance(part, ImuBlock)]
+    if len(blocks) < len(parts):
+        if not blocks:
+            singles = [part for part in parts if isinstance(part, ImuSample)]
+            stamps = np.array([sample.stamp_ns for sample in singles])
+            return ImuBlock(stamps, np.array([s.gyro for s in singles]), np.array([s.accel for s in singles]))
+        blocks = [part if isinstance(part, ImuBlock) else joined([part]) for part in parts]
+    if len(blocks) == 1:
+        return blocks[0]
     return ImuBlock(
         np.concatenate([block.stamps_ns for block in blocks]),
         np.concatenate([block.gyro for block in blocks]),

@@ -70,7 +70,9 @@ def test_other_noise_is_that_of_every_way() -> None:
 
 def test_a_longer_period_of_the_covariance_than_usual_stays() -> None:
     """GIVEN a period of the covariance of 0.2 s WHEN a bank begins, and when the noise changes THEN it is 0.2 s."""
-    constants = filter_setup.constants(update(Parameters(), {"navigator.covariance_period": 0.2}), NoiseIdentification())
+    constants = filter_setup.constants(
+        update(Parameters(), {"navigator.covariance_period": 0.2}), NoiseIdentification()
+    )
     bank = FilterBank(SplitFilter(constants, 10, 0.05))
     assert bank.constants[at.COV_PERIOD] == 0.2
     bank.set_constants(constants)

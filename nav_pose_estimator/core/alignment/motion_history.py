@@ -71,7 +71,7 @@ def second_of(rows: Array, start: float) -> Array | None:
 def _sum_up(rows, start, second):
     """Integrate rates and forces into the bins; False where a step is too long."""
     for i in range(1, len(rows)):
-        step = rows[i, 0] - rows[i - 1, 0]
+        step = float(rows[i, 0]) - float(rows[i - 1, 0])
         if step > _LONGEST_STEP:
             return False
         place = min(max(int((rows[i, 0] - start) * BINS), 0), BINS - 1)
@@ -128,7 +128,7 @@ def impulses(seconds, bias, gyro):
     """
     out = np.empty((len(seconds), 3))
     attitude = (1.0, 0.0, 0.0, 0.0)
-    wrong = (bias[0] / BINS, bias[1] / BINS, bias[2] / BINS)
+    wrong = (float(bias[0]) / BINS, float(bias[1]) / BINS, float(bias[2]) / BINS)
     for s in range(len(seconds)):
         total = (0.0, 0.0, 0.0)
         for b in range(BINS):

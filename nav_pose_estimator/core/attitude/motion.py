@@ -70,6 +70,7 @@ from nav_pose_estimator.core.numerics.vectors import (
     add_scaled,
     cross,
     dot,
+    less_product,
     load3,
     load4,
     q_columns,
@@ -132,12 +133,7 @@ def clear_sums(s):
 def propagate(s, dt, w, f):
     """Integrate one sample: raw rate ``w`` [rad/s] and specific force ``f`` [m/s^2] in b, over the last ``dt`` [s]."""
     s[AGE] += dt
-    raw = add_scaled(w, -1.0, load3(s, BIAS))
-    rate = (
-        raw[0] - s[MATRIX] * raw[0] - s[MATRIX + 1] * raw[1] - s[MATRIX + 2] * raw[2],
-        raw[1] - s[MATRIX + 3] * raw[0] - s[MATRIX + 4] * raw[1] - s[MATRIX + 5] * raw[2],
-        raw[2] - s[MATRIX + 6] * raw[0] - s[MATRIX + 7] * raw[1] - s[MATRIX + 8] * raw[2],
-    )
+    rate = less_product(add_scaled(w, -1.0, load3(s, BIAS)), s, MATRIX)
     force = add_scaled(f, -1.0, load3(s, FORCE_BIAS))
     if s[POINT] > 0.0:  # trapezoidal rule; the force belongs to the end of the interval
         turn, at_end = scale(0.5 * dt, add_scaled(rate, 1.0, load3(s, RATE))), force

@@ -159,7 +159,7 @@ def _propagate_by_shears(P, F, constants, T):
 @inlined
 def scratch(n):
     """Work space of the covariance steps of ``n`` states: the system matrix and three rows for ``_shear``."""
-    return np.zeros((n + 3, n))
+    return np.empty((n + 3, n))
 
 
 @inlined

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from nav_pose_estimator.core.earth.ellipsoid import enu_of
 from nav_pose_estimator.core.filter.blocks import state_count, states_within
-from nav_pose_estimator.core.filter.error_model import covariance_step_in, scratch
+from nav_pose_estimator.core.filter.error_model import covariance_step, covariance_step_in, scratch
 from nav_pose_estimator.core.filter.layout import (
     ALT,
     BASE_STATES,
@@ -33,7 +33,7 @@ from nav_pose_estimator.core.filter.layout import (
 )
 from nav_pose_estimator.core.filter.mixture import merge
 from nav_pose_estimator.core.filter.strapdown import integrate, write_output
-from nav_pose_estimator.core.numerics.jit import inlined, kernel
+from nav_pose_estimator.core.numerics.jit import COMPILED, inlined, kernel
 from nav_pose_estimator.core.numerics.vectors import add_scaled, load3
 
 NAV = 0
@@ -102,10 +102,18 @@ def restore_before(memory, t):
 
 
 @inlined
-def _copy(memory, source, target, count):
+def _copy_by_loop(memory, source, target, count):
     """Copy ``count`` numbers in a loop: slices would also compile code for errors of their lengths."""
     for i in range(count):
         memory[target + i] = memory[source + i]
+
+
+def _copy_by_slices(memory, source, target, count):
+    """``_copy_by_loop`` in plain Python, where a loop takes a hundred times as long."""
+    memory[target : target + count] = memory[source : source + count]
+
+
+_copy = _copy_by_loop if COMPILED else _copy_by_slices
 
 
 @kernel
@@ -118,8 +126,7 @@ def run_block(memory, rows, begin, end, due, out):
     """
     n = int(memory[STATES])
     nav, constants, P = memory[NAV:CONSTANTS], memory[CONSTANTS:ORIGIN], memory[HEAD : HEAD + n * n].reshape(n, n)
-    space = scratch(n)
-    mark = memory[checkpoint_start(memory, int(memory[NEWEST])) + TIME] + memory[PERIOD]
+    space, mark = scratch(n), _next_checkpoint(memory)
     for i in range(begin, end):
         gyro = (float(rows[i, IMU_GYRO]), float(rows[i, IMU_GYRO + 1]), float(rows[i, IMU_GYRO + 2]))
         accel = (float(rows[i, IMU_ACCEL]), float(rows[i, IMU_ACCEL + 1]), float(rows[i, IMU_ACCEL + 2]))
@@ -138,8 +145,14 @@ def run_block(memory, rows, begin, end, due, out):
             write_output(nav, P, out, out.shape[0] - end + i)
         if nav[TIME] >= mark:
             add_checkpoint(memory)
-            mark = nav[TIME] + memory[PERIOD]
+            mark = _next_checkpoint(memory)
     return end
+
+
+@inlined
+def _next_checkpoint(memory):
+    """Time [s] from which on the next checkpoint is due."""
+    return memory[checkpoint_start(memory, int(memory[NEWEST])) + TIME] + memory[PERIOD]
 
 
 @inlined
@@ -155,13 +168,20 @@ def _between(rows, i, column, t):
 def run_sample(memory, rows, index, solution, t, wx, wy, wz, fx, fy, fz):
     """Propagate over one sample, as ``run_block`` does over a block of one row, and write it to ``rows`` [index].
 
-    ``solution`` (SOLUTION_SIZE,) receives the complete solution after it.
+    ``solution`` (SOLUTION_SIZE,) receives the complete solution after it. Work space for a step of the covariance is
+    allocated only where one is due.
     """
     row = rows[index : index + 1]
     row[0, IMU_T] = t
     row[0, IMU_GYRO], row[0, IMU_GYRO + 1], row[0, IMU_GYRO + 2] = wx, wy, wz
     row[0, IMU_ACCEL], row[0, IMU_ACCEL + 1], row[0, IMU_ACCEL + 2] = fx, fy, fz
-    run_block(memory, rows, index, index + 1, math.inf, solution[:OUT_COLUMNS].reshape(1, OUT_COLUMNS))
+    n = int(memory[STATES])
+    nav, constants, P = memory[NAV:CONSTANTS], memory[CONSTANTS:ORIGIN], memory[HEAD : HEAD + n * n].reshape(n, n)
+    if integrate(nav, constants, t, (wx, wy, wz), (fx, fy, fz)):
+        covariance_step(nav, P, constants)
+    write_output(nav, P, solution[:OUT_COLUMNS].reshape(1, OUT_COLUMNS), 0)
+    if nav[TIME] >= _next_checkpoint(memory):
+        add_checkpoint(memory)
     complete_solution(memory, solution)
 
 

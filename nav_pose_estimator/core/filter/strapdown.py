@@ -57,6 +57,7 @@ from nav_pose_estimator.core.numerics.vectors import (
     add,
     add_scaled,
     cross,
+    less_product,
     load3,
     load4,
     q_exp,
@@ -162,10 +163,7 @@ def corrected_rate(nav, constants, gyro):
     rate = add_scaled(gyro, -1.0, load3(nav, GYRO_BIAS))
     if constants[I_GYRO_MATRIX] < 0.0:
         return rate
-    x = rate[0] - nav[GYRO_MATRIX] * rate[0] - nav[GYRO_MATRIX + 1] * rate[1] - nav[GYRO_MATRIX + 2] * rate[2]
-    y = rate[1] - nav[GYRO_MATRIX + 3] * rate[0] - nav[GYRO_MATRIX + 4] * rate[1] - nav[GYRO_MATRIX + 5] * rate[2]
-    z = rate[2] - nav[GYRO_MATRIX + 6] * rate[0] - nav[GYRO_MATRIX + 7] * rate[1] - nav[GYRO_MATRIX + 8] * rate[2]
-    return x, y, z
+    return less_product(rate, nav, GYRO_MATRIX)
 
 
 @inlined

@@ -10,6 +10,7 @@ noise of the receiver and do not count. Pure Python, without a clock.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -36,7 +37,8 @@ class Doubt:
 
     reason: str = field(default="", init=False)
     """Why the filter is in doubt, a clause; empty while it is not."""
-    _velocities: list[tuple[float, float, float]] = field(default_factory=list, init=False)  # t, refusal, NIS per row
+    # t [s], refusal, NIS per row
+    _velocities: deque[tuple[float, float, float]] = field(default_factory=lambda: deque(maxlen=_COUNT), init=False)
     _off_since: float = field(default=math.inf, init=False)
     _off: float = field(default=0.0, init=False)
     _off_count: int = field(default=0, init=False)
@@ -59,9 +61,11 @@ class Doubt:
         ``innovation`` (3,) or (2,) [m/s] gives the direction of its error.
         """
         before, self._velocity_innovation = self._velocity_innovation, tuple(innovation)
-        recent = [one for one in self._velocities if t - one[0] < _STALE]
+        recent = self._velocities
+        while recent and t - recent[0][0] >= _STALE:
+            recent.popleft()
         counted = refusal if refusal and _is_same_direction(before, innovation) else 0.0
-        self._velocities = [*recent, (t, counted, nis)][-_COUNT:]
+        recent.append((t, counted, nis))
 
     def position(self, t: float, deviations: float, innovation: Sequence[float]) -> float:
         """Add a position at ``t`` [s] with Mahalanobis distance ``deviations`` and horizontal ``innovation`` (2,) [m].

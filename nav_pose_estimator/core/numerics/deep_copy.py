@@ -73,11 +73,11 @@ def _copy_tuple(value: tuple, memo: _Memo) -> tuple:
 
 def _never_change(items: Collection) -> bool:
     """Whether all items are immutable atoms or tuples of them; fast for the long lists of a history."""
-    kinds = set(map(type, items))
-    if tuple not in kinds:
-        return kinds <= _ATOMS
-    tuples = items if len(kinds) == 1 else [item for item in items if type(item) is tuple]
-    return kinds <= _ATOMS_AND_TUPLES and _never_change(list(chain.from_iterable(tuples)))
+    if _ATOMS.issuperset(map(type, items)):
+        return True
+    if not _ATOMS_AND_TUPLES.issuperset(map(type, items)):
+        return False
+    return _never_change(list(chain.from_iterable([item for item in items if type(item) is tuple])))
 
 
 def _copy_list(value: list, memo: _Memo) -> list:

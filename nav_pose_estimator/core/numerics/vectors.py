@@ -72,6 +72,17 @@ def dot(a, b):
 
 
 @inlined
+def less_product(v, array, start):
+    """v - M v, with the matrix M (3, 3) row by row in ``array`` from ``start`` on."""
+    a, b, c = load3(array, start), load3(array, start + 3), load3(array, start + 6)
+    return (
+        v[0] - a[0] * v[0] - a[1] * v[1] - a[2] * v[2],
+        v[1] - b[0] * v[0] - b[1] * v[1] - b[2] * v[2],
+        v[2] - c[0] * v[0] - c[1] * v[1] - c[2] * v[2],
+    )
+
+
+@inlined
 def q_multiply(a, b):
     """Hamilton product of two quaternions."""
     return (

@@ -41,6 +41,8 @@ class Mounting:
         self._bias = parameters.accel_bias
         self._gain = tuple(1.0 / (1.0 + scale) for scale in parameters.accel_scale)
         self._calibrated = any(parameters.accel_bias) or any(parameters.accel_scale)
+        self.is_none = self._rows is None and not self._calibrated
+        """Whether samples are in body axes as they come, and not calibrated."""
 
     def vector(self, vector: Vector3) -> Vector3:
         """A vector (or three columns of vectors) in the sensor's axes, rotated into body axes."""
@@ -60,13 +62,13 @@ class Mounting:
 
     def sample(self, sample: ImuSample) -> ImuSample:
         """A sample, calibrated and in body axes."""
-        if self._rows is None and not self._calibrated:
+        if self.is_none:
             return sample
         return ImuSample(sample.stamp_ns, self.vector(sample.gyro), self.force(sample.accel))
 
     def block(self, block: ImuBlock) -> ImuBlock:
         """A block, calibrated and in body axes; bit-identical to its single samples."""
-        if self._rows is None and not self._calibrated:
+        if self.is_none:
             return block
         # Sums of columns round exactly like the scalar form; a matrix product might not.
         gyro = np.column_stack(self.vector(tuple(block.gyro.T)))

@@ -71,17 +71,18 @@ def _summary(rows, out):
     count, interleaved = len(rows), False
     out[12] = out[13] = out[14] = 0.0
     for i in range(count):
-        x, y, z = rows[i, at.IMU_ACCEL], rows[i, at.IMU_ACCEL + 1], rows[i, at.IMU_ACCEL + 2]
+        x, y, z = float(rows[i, at.IMU_ACCEL]), float(rows[i, at.IMU_ACCEL + 1]), float(rows[i, at.IMU_ACCEL + 2])
         out[12] += math.sqrt(x * x + y * y + z * z)
     out[12] /= count
     for axis in range(6):
         total, least, most, squares = 0.0, math.inf, -math.inf, 0.0
+        before = float(rows[0, at.IMU_GYRO + axis])
         for i in range(count):
-            value = rows[i, at.IMU_GYRO + axis]
+            value = float(rows[i, at.IMU_GYRO + axis])
             total += value
             least, most = min(least, value), max(most, value)
-            if i > 0:
-                squares += (value - rows[i - 1, at.IMU_GYRO + axis]) ** 2
+            squares += (value - before) ** 2
+            before = value
         out[axis], out[6 + axis] = total / count, most - least
         out[13 + axis // 3] += squares
         interleaved = interleaved or _is_interleaved(
@@ -111,5 +112,5 @@ def _is_interleaved(rows, column, large):
 @inlined
 def _apart(rows, column, i):
     """Sample ``i`` + 1 less the mean of its neighbours, with alternating sign."""
-    apart = rows[i + 1, column] - 0.5 * (rows[i, column] + rows[i + 2, column])
+    apart = float(rows[i + 1, column]) - 0.5 * (float(rows[i, column]) + float(rows[i + 2, column]))
     return apart if i % 2 == 0 else -apart

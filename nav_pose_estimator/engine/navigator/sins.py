@@ -49,16 +49,15 @@ class SinsEngine:
 
     def feed(self, sample: Sample) -> list[Output]:
         """Process one sample; returns the solutions and events that follow from it."""
-        outputs: list[Output] = []
+        outputs: Sequence[Output] = ()
         if isinstance(sample, ImuSample):
-            outputs += self._on_sample(sample)
+            outputs = self._on_sample(sample)
         elif isinstance(sample, ImuBlock):
-            outputs += self._carry(self._input.accept_block(sample))
+            outputs = self._carry(self._input.accept_block(sample))
         else:
             intake.take(self.run, sample)
             self.run = _without_wrong_velocities(self.run)
-        events = self.journal.drain()
-        return [*events, *outputs] if events else outputs
+        return [*self.journal.drain(), *outputs]
 
     def feed_all(self, samples: Sequence[Sample]) -> list[Output]:
         """Process samples in order of arrival; the results are those of ``feed``, in fewer and longer blocks."""
@@ -70,10 +69,11 @@ class SinsEngine:
                 if isinstance(sample, ImuBlock):
                     outputs += _on_block(self, backlog, sample, all_pass)
                 elif backlog.may_wait_for(sample):
-                    intake.take(self.run, sample)
-                    if self.run.gnss.reception.velocities.misled:
-                        outputs += _flown(self, backlog)
-                        self.run = _without_wrong_velocities(self.run)
+                    intake.take(backlog.run, sample)
+                    if not backlog.run.gnss.reception.velocities.misled:
+                        continue
+                    outputs += _flown(self, backlog)
+                    self.run = _without_wrong_velocities(self.run)
                 else:
                     outputs += _flown(self, backlog)
                     outputs += self.feed(sample)
@@ -137,7 +137,8 @@ class SinsEngine:
         run = self.run
         t = (sample.stamp_ns - run.clock.zero_ns) * NS
         if t < run.quiet_until and self._input.passes(sample):
-            in_body = self._input.mounting.sample(sample)
+            mounting = self._input.mounting
+            in_body = sample if mounting.is_none else mounting.sample(sample)
             values = run.timeline.advance_one(t, in_body.gyro, in_body.accel)
             return [NavSolution(sample.stamp_ns, run.modes.mode, values, run.timeline.shift, run.gnss.position.resets)]
         blocks = self._carry(self._input.accept(sample))

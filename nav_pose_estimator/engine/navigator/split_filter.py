@@ -11,7 +11,6 @@ from nav_pose_estimator.core.filter import memory
 from nav_pose_estimator.core.filter.layout import OUT_COLUMNS, SOLUTION_SIZE, TIME
 from nav_pose_estimator.engine.navigator.branches import Branches
 from nav_pose_estimator.engine.observation import FilterView, Kind, Observation
-from nav_pose_estimator.engine.samples import Vector3
 
 MOTION = Kind("motion")
 """Observations that split the filter into branches and weight them; ``measured`` is a MotionEvidence."""
@@ -74,15 +73,6 @@ class SplitFilter:
         stop = self.branches.run(rows, begin, end, due, out)
         self._follow(self.branches)
         return stop
-
-    def carry_one(self, rows: np.ndarray, index: int, t: float, gyro: Vector3, accel: Vector3) -> np.ndarray:
-        """Propagate a filter without branches over one IMU sample, which is written to ``rows`` [index].
-
-        Returns the solution (SOLUTION_SIZE,).
-        """
-        solution = np.empty(SOLUTION_SIZE)
-        memory.run_sample(self.vector, rows, index, solution, t, *gyro, *accel)
-        return solution
 
     def complete(self, row: np.ndarray) -> np.ndarray:
         """The present solution (SOLUTION_SIZE,), of which ``row`` is the output row."""

@@ -34,7 +34,6 @@ from nav_pose_estimator.engine.samples import (
     Sample,
     SatelliteCount,
 )
-from nav_pose_estimator.engine.sensors.routine.routine import Coming
 from nav_pose_estimator.engine.solutions import Mode, NavBlock, Output
 
 Periods = list[tuple[int, float]]
@@ -42,7 +41,7 @@ Periods = list[tuple[int, float]]
 _WAIT = frozenset((GnssVelocity, MagSample, PressureSample, SatelliteCount))
 _AHEAD = 1.0  # s: an observation further ahead is refused
 _FIRST = operator.itemgetter(0)
-_ORDER = operator.attrgetter("observation.t", "observation.kind.precedence", "observation.arrival")
+_ORDER, _ARRIVAL = operator.attrgetter("t", "kind.precedence", "arrival"), operator.attrgetter("arrival")
 
 
 def carry(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBlock]:
@@ -129,7 +128,8 @@ class Backlog:
         self._left = np.empty(0, np.int64), np.empty((0, at.IMU_COLUMNS))
         self._count = 0
         self._periods: Periods = []
-        self._coming: list[Coming] = []
+        self._coming: list[Observation] = []
+        self._some_late = False  # whether one of them is valid before the row behind which it arrived
         self._ahead: set[float] = set()  # s: times of observations that are valid after the newest row
         self._limit = -math.inf
         self.is_full = False
@@ -203,9 +203,12 @@ class Backlog:
     def may_wait_for(self, sample: Sample) -> bool:
         """Whether a ``sample`` may be evaluated before the waiting rows have been processed."""
         kind = type(sample)
-        waits = kind in _WAIT or (kind is GnssFix and self.run.gnss.reception.is_quick)
-        if kind is BeamVelocitySample:  # the first one changes the filter's states
+        if kind is GnssFix:
+            waits = self.run.gnss.reception.is_quick
+        elif kind is BeamVelocitySample:  # the first one changes the filter's states
             waits = DVL.is_in(self.run.timeline.filter.constants)
+        else:
+            waits = kind in _WAIT
         return waits and (self._open or self._opens())
 
     def flown(self) -> tuple[list[NavBlock], np.ndarray, np.ndarray]:
@@ -216,14 +219,19 @@ class Backlog:
 
     def _observe(self, o: Observation) -> bool:
         """Add an observation to the backlog. False where it cannot wait; the backlog has then been processed."""
-        now = self.run.now
-        if (o.t < now and not o.kind.holds) or o.t > now + _AHEAD or o.t in self._ahead:
+        run, t = self.run, o.t
+        now = run.now
+        is_late = t < now
+        if (is_late and not o.kind.holds) or t > now + _AHEAD or t in self._ahead:
             self._fly()
             return False
-        if o.t > now:
-            self._ahead.add(o.t)
-        self.run.timeline.queue.number(o)
-        self._coming.append(Coming(self._count, o))
+        if is_late:
+            self._some_late = True
+        elif t > now:
+            self._ahead.add(t)
+        run.timeline.queue.number(o)
+        o.rows_ahead = self._count
+        self._coming.append(o)
         return True
 
     def _fly(self) -> None:
@@ -234,49 +242,50 @@ class Backlog:
         self._open = False
         coming, self._coming = self._coming, []
         if self._waiting:
-            coming = self._fly_rows(*run.clock.rows_of(self._waiting), coming)
-        self._waiting, self._periods, self._is_followed = [], [], False
-        _hear(run, coming)
+            self._fly_rows(*run.clock.rows_of(self._waiting), coming)
+        else:
+            _hear(run, coming, 0)
+        self._waiting, self._periods, self._is_followed, self._some_late = [], [], False, False
 
-    def _fly_rows(self, stamps: np.ndarray, rows: np.ndarray, coming: list[Coming]) -> list[Coming]:
-        """Process IMU ``rows`` (N, 7); returns the observations that arrived behind the last one."""
+    def _fly_rows(self, stamps: np.ndarray, rows: np.ndarray, coming: list[Observation]) -> None:
+        """Process IMU ``rows`` (N, 7) and the observations that arrived ahead of, between and behind them."""
         run, self._left = self.run, (stamps, rows)
         reception, done, count, self._count = run.gnss.reception, 0, self._count, 0
         period_now = reception.fix_period
         while done < count and not run.failure:
             reception.fix_period = _period(self._periods, done)
-            coming = _hear(run, coming)
-            out, coming = self._leg(rows[done:], coming, done)
+            coming = _hear(run, coming, done)
+            out, coming = self._leg(rows, coming, done)
             if len(out):
-                self._blocks += _blocks(run, stamps[done : done + len(out)], out)
-                done += len(out)
-                continue
-            coming = _hear(run, coming)
-            heard = coming[0].behind if coming else count - done
-            further = min(heard, 1) if _is_routine(run) else heard
-            self._blocks += carry(run, stamps[done : done + further], rows[done : done + further])
-            done += further
-            coming = [Coming(one.behind - further, one.observation) for one in coming]
+                end = done + len(out)
+                self._blocks += _blocks(run, stamps[done:end], out)
+            else:
+                coming = _hear(run, coming, done)
+                end = coming[0].rows_ahead if coming else count
+                end = min(end, done + 1) if _is_routine(run) else end
+                self._blocks += carry(run, stamps[done:end], rows[done:end])
+            done = end
         reception.fix_period = period_now
-        return coming
+        _hear(run, coming, done)
 
-    def _leg(self, rows: np.ndarray, coming: list[Coming], done: int) -> tuple[np.ndarray, list[Coming]]:
+    def _leg(self, rows: np.ndarray, coming: list[Observation], done: int) -> tuple[np.ndarray, list[Observation]]:
         """Process rows from ``done`` on as far as the routine goes; returns output rows and remaining observations."""
         run = self.run
         if run.timeline.late:
             run.timeline.settle()
-        ahead = first_from(rows, run.second_due)
-        if not ahead or not _is_routine(run):
+        end = done + first_from(rows[done:], run.second_due)
+        if end == done or not _is_routine(run):
             return rows[:0], coming
 
-        punctual = coming[: _first_late(rows, coming)]
-        late = coming[len(punctual) :]  # a late observation first replays the past
-        ahead = min(ahead, late[0].behind) if late else ahead
-        is_followed = (ahead < len(rows) or self._is_followed) and not (late and late[0].behind == ahead)
-        periods = [(row - done, period) for row, period in self._periods]
-        out, left = fly(run, (rows[:ahead], is_followed), punctual, periods)
+        late: list[Observation] = []
+        if self._some_late:  # a late observation first replays the past
+            punctual = _first_late(rows, coming)
+            coming, late = coming[:punctual], coming[punctual:]
+            end = min(end, late[0].rows_ahead) if late else end
+        is_followed = (end < len(rows) or self._is_followed) and not (late and late[0].rows_ahead == end)
+        out, left = fly(run, (rows[:end], done, is_followed), coming, self._periods)
         run.quiet_until = -math.inf
-        return out, left + [Coming(one.behind - len(out), one.observation) for one in late]
+        return out, left + late
 
 
 def packed(outputs: list[Output]) -> list[Output]:
@@ -309,59 +318,67 @@ def _is_routine(run: FilterRun) -> bool:
     return whole and run.modes.mode is Mode.AIDED and run.trial is None and not run.failure
 
 
-def _first_late(rows: np.ndarray, coming: list[Coming]) -> int:
+def _first_late(rows: np.ndarray, coming: list[Observation]) -> int:
     """Index in ``coming`` of the first observation that is older than the row behind which it arrived."""
-    for place, (behind, observation) in enumerate(coming):
-        if observation.t < rows[behind - 1, at.IMU_T]:
+    for place, one in enumerate(coming):
+        if one.t < rows[one.rows_ahead - 1, at.IMU_T]:
             return place
     return len(coming)
 
 
-def _hear(run: FilterRun, coming: list[Coming]) -> list[Coming]:
-    """Pass observations that have arrived by now to the time line; returns the others."""
+def _hear(run: FilterRun, coming: list[Observation], done: int) -> list[Observation]:
+    """Pass the observations that have arrived when ``done`` rows are processed to the time line; returns the others."""
+    heard = 0
     for one in coming:
-        if one.behind <= 0:
-            run.observe(one.observation)
-    return [one for one in coming if one.behind > 0]
+        if one.rows_ahead > done:
+            break
+        run.observe(one)
+        heard += 1
+    return coming[heard:]
 
 
 def fly(
-    run: FilterRun, stretch: tuple[np.ndarray, bool], coming: list[Coming], periods: Periods
-) -> tuple[np.ndarray, list[Coming]]:
+    run: FilterRun, stretch: tuple[np.ndarray, int, bool], coming: list[Observation], periods: Periods
+) -> tuple[np.ndarray, list[Observation]]:
     """``Timeline.advance`` by the compiled routine, with observations that arrive between the rows; none is late.
 
-    ``stretch``: IMU rows (N, 7), and whether they are followed by others that have arrived; ``periods`` when they did.
-    Ends early where something is unusual. Returns output rows (N, OUT_COLUMNS) as far as it went, and what of
-    ``coming`` has not been heard of by then, in order of arrival and counted from there.
+    ``stretch``: IMU rows (N, 7), how many of them have been processed, and whether they are followed by others that
+    have arrived; ``periods`` when they did. Ends early where something is unusual. Returns output rows
+    (N, OUT_COLUMNS) as far as it went, and what of ``coming`` has not been heard of by then, in order of arrival.
     """
-    (rows, is_followed), timeline = stretch, run.timeline
+    (rows, done, is_followed), timeline = stretch, run.timeline
     imu, queue, routine = timeline.imu, timeline.queue, timeline.routine
     assert routine is not None
-    imu.append(rows)
-    begin = imu.last - len(rows)
+    imu.append(rows[done:])
+    begin = imu.last + done - len(rows)
     timeline.dirty = None
-    events = sorted([*(Coming(0, o) for o in queue.take_waiting()), *coming], key=_ORDER)
-    out = np.empty((len(rows), at.OUT_COLUMNS))
-    leg = routine.fly((timeline.filter.vector, timeline.shift), (imu.rows, begin, imu.last, is_followed), events, out)
+    waiting = queue.take_waiting()
+    for one in waiting:
+        one.rows_ahead = done
+    events = sorted([*waiting, *coming], key=_ORDER)
+    out = np.empty((len(rows) - done, at.OUT_COLUMNS))
+    behind = [one.rows_ahead - done for one in events]
+    whole, span = (timeline.filter.vector, timeline.shift), (imu.rows, begin, imu.last, is_followed)
+    leg = routine.fly(whole, span, (events, behind), out)
     timeline.moves, timeline.shift = leg.moves, leg.shift
     imu.last = begin + leg.rows
     acted, rest = events[: len(leg.results)], events[len(leg.results) :]
-    queue.add_acted([one.observation for one in acted])
+    queue.add_acted(acted)
     for one, result in zip(acted, leg.results, strict=True):
-        routine.report(one.observation, result, _period(periods, result[table.RESULT_AHEAD]))
-    last, left = imu.rows[imu.last - 1, at.IMU_T], []
+        routine.report(one, result, _period(periods, done + result[table.RESULT_AHEAD]))
+    done, last, left = done + leg.rows, imu.rows[imu.last - 1, at.IMU_T], []
     for one in rest:
-        if one.behind <= leg.rows and (leg.within or one.observation.t > last):
-            queue.insert(one.observation)
+        if one.rows_ahead <= done and (leg.within or one.t > last):
+            queue.insert(one)
         else:
-            left.append(Coming(one.behind - leg.rows, one.observation))
+            left.append(one)
     if leg.unfinished is not None:
         before = timeline.shift
-        run.gnss.reception.fix_period = _period(periods, leg.rows)
+        run.gnss.reception.fix_period = _period(periods, done)
         timeline.finish(np.array(leg.unfinished[table.RESULT_BEFORE : table.RESULT_AFTER]))
         timeline.moves.append((leg.rows, before))
     timeline.tidy()
-    return out[: leg.rows], sorted(left, key=lambda one: one.observation.arrival)
+    return out[: leg.rows], sorted(left, key=_ARRIVAL)
 
 
 def _period(periods: Periods, row: float) -> float:

@@ -13,7 +13,8 @@ import math
 import numpy as np
 
 from nav_pose_estimator.core.earth.ellipsoid import step_enu
-from nav_pose_estimator.core.filter.layout import IMU_T, LAT, OUT_COLUMNS, VEL
+from nav_pose_estimator.core.filter import memory
+from nav_pose_estimator.core.filter.layout import IMU_T, LAT, OUT_COLUMNS, SOLUTION_SIZE, VEL
 from nav_pose_estimator.engine.imu.buffer import ImuBuffer
 from nav_pose_estimator.engine.navigator.split_filter import Apply, SplitFilter
 from nav_pose_estimator.engine.observation import Observation
@@ -106,12 +107,13 @@ class Timeline:
 
     def advance_one(self, t: float, gyro: Vector3, accel: Vector3) -> np.ndarray:
         """``advance`` by one sample ahead of which no observation is due, on a settled time line; (SOLUTION_SIZE,)."""
-        if self.filter.branches is not None:
-            return self.filter.complete(self.advance(np.array([[t, *gyro, *accel]]))[0])
-        imu = self.imu
+        whole, imu = self.filter, self.imu
+        if whole.branches is not None:
+            return whole.complete(self.advance(np.array([[t, *gyro, *accel]]))[0])
         if imu.last == len(imu.rows):
             imu.make_room(1)
-        solution = self.filter.carry_one(imu.rows, imu.last, t, gyro, accel)
+        solution = np.empty(SOLUTION_SIZE)
+        memory.run_sample(whole.vector, imu.rows, imu.last, solution, t, *gyro, *accel)
         imu.last += 1
         if t >= self._tidy_at:
             self._forget()

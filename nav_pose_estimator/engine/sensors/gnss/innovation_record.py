@@ -71,7 +71,7 @@ class InnovationRecord:
         return float(beyond_chance(_pairs(self._last(count))))
 
     def _last(self, count: int) -> list[complex]:
-        return [self._horizontal[i] for i in range(-count, 0)]
+        return list(self._horizontal)[-count:] if count else []
 
     @property
     def p99(self) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -271,9 +272,15 @@ def local(
     if math.isnan(alt):
         alt = height
     lat0, lon0, alt0 = origin or (lat, lon, alt)
-    r_m, r_n = radii(lat0)
-    east = math.remainder(lon - lon0, 2.0 * math.pi) * (r_n + alt0) * math.cos(lat0)
-    return east, (lat - lat0) * (r_m + alt0), alt - alt0
+    north, to_axis, cosine = _metres_per_radian(lat0, alt0)
+    return math.remainder(lon - lon0, 2.0 * math.pi) * to_axis * cosine, (lat - lat0) * north, alt - alt0
+
+
+@lru_cache(maxsize=8)  # of the same origin for hours
+def _metres_per_radian(lat: float, alt: float) -> tuple[float, float, float]:
+    """Radii of curvature plus height [m], along the meridian and across it, and the cosine of the latitude."""
+    r_m, r_n = radii(lat)
+    return r_m + alt, r_n + alt, math.cos(lat)
 
 
 def _return_settings(parameters: GnssParameters, aiding: Aiding) -> ReacquisitionSettings:

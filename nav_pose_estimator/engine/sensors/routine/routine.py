@@ -21,13 +21,6 @@ from nav_pose_estimator.engine.sensors.routine.kinds import RoutineKind
 _NOTHING = [0.0] * (table.EVENT_COLUMNS - table.EVENT_ROWS)
 
 
-class Coming(NamedTuple):
-    """An observation, and the number of IMU rows of a stretch ``behind`` which it arrived."""
-
-    behind: int
-    observation: Observation
-
-
 class Leg(NamedTuple):
     """How far a stretch of routine flight got."""
 
@@ -65,7 +58,7 @@ class Routine:
         have taken; the observation that follows them is not as expected.
         """
         settings = self._settings()
-        events = self._events([Coming(0, o) for o in observations], settings, t)
+        events = self._events(observations, [0] * len(observations), settings, t)
         results = np.empty((len(events), table.RESULT_COLUMNS))
         done = flight.act_now(vector, events, 0, len(events), 0, np.array(settings), results)
         return self._report_all(observations, results[:done])
@@ -78,7 +71,7 @@ class Routine:
         ``rows`` as in ``fly``. Returns the numbers of rows and of observations that have been processed.
         """
         settings = self._settings()
-        events = self._events([Coming(0, o) for o in observations], settings, float(vector[memory.NAV + TIME]))
+        events = self._events(observations, [0] * len(observations), settings, float(vector[memory.NAV + TIME]))
         results = np.empty((len(events), table.RESULT_COLUMNS))
         out = np.empty((rows[2] - rows[1], OUT_COLUMNS))
         done, acted, _ = flight.fly(vector, *rows, False, events, np.array(settings), out, results)
@@ -89,16 +82,17 @@ class Routine:
         self,
         whole: tuple[np.ndarray, np.ndarray],
         rows: tuple[np.ndarray, int, int, bool],
-        coming: Sequence[Coming],
+        coming: tuple[Sequence[Observation], Sequence[int]],
         out: np.ndarray,
     ) -> Leg:
         """Call ``core.routine.flight.fly``; ``rows``: all IMU rows, ``begin``, ``end`` and ``is_followed``.
 
-        ``whole``: the vector of the filter, and the sum (3,) [m], ENU, of all corrections of its position.
+        ``whole``: the vector of the filter, and the sum (3,) [m], ENU, of all corrections of its position; ``coming``:
+        observations, and for each the number of rows from ``begin`` on behind which it arrived.
         """
         vector, shift = whole
         settings = self._settings()
-        events = self._events(coming, settings, float(vector[memory.NAV + TIME]))
+        events = self._events(*coming, settings, float(vector[memory.NAV + TIME]))
         results = np.empty((len(events), table.RESULT_COLUMNS))
         done, acted, where = flight.fly(vector, *rows, events, np.array(settings), out, results)
         sums = np.empty((acted + 1, 4))
@@ -135,21 +129,23 @@ class Routine:
             settings[table.SOFT + rows], settings[table.HARD + rows] = gates[rows]
         return settings
 
-    def _events(self, coming: Sequence[Coming], settings: list[float], t: float) -> np.ndarray:
+    def _events(
+        self, observations: Sequence[Observation], behind: Sequence[int], settings: list[float], t: float
+    ) -> np.ndarray:
         numbers: dict[str, int] = {}  # of observations that act for the first time
         events: list[float] = []
-        for behind, o in coming:
+        for o, rows in zip(observations, behind, strict=True):
             name = o.kind.name
             kind = self._kinds.get(name)
             if name not in numbers:
                 is_ready = kind is not None and kind.prepare(settings, t)
                 numbers[name] = kind.number if kind is not None and is_ready else table.UNUSUAL
             number = numbers[name] if kind is None or o.decision is None else kind.again(o)
-            events += (o.t, number, behind)
+            events += (o.t, number, rows)
             events += _NOTHING if kind is None or number == table.UNUSUAL else kind.values(o)
         # numpy takes five times as long to make an array of a list
         packed = bytearray(struct.pack(f"{len(events)}d", *events))
-        return np.frombuffer(packed).reshape(len(coming), table.EVENT_COLUMNS)
+        return np.frombuffer(packed).reshape(len(observations), table.EVENT_COLUMNS)
 
 
 def warm_up(constants: np.ndarray) -> None:
