@@ -10,7 +10,8 @@ two priors is the evidence for a gyroscope of another range, sign or axis. It ne
     information on a   K = B' (v I - C) B / v^2,  g = B' d / v
     log Bayes factor   -1/2 log det(I + w K) + 1/2 g' (K + I/w)^-1 g
 
-B has one column for a scale common to all axes, or three for each axis. The scale factors of a sound gyroscope without
+B has one column for a scale common to all axes, one for a scale of one axis, or three for each axis. One axis is not
+only the simplest fault: without it, the axes that have been seen to be right count against a third that has not. The scale factors of a sound gyroscope without
 calibration are wrong by some per cent, more than the filter's prior says. So a small w is an explanation by a right
 gyroscope, and the evidence is against the better one of this and of w = 0.
 
@@ -118,6 +119,8 @@ def _log_bayes_factor(total, variance):
     common, best = max(common, 0.0), -math.inf
     for wide in _WIDE:
         best = max(best, _of_one_scale(common, slope, wide), _of_three_scales(K, g, wide))
+        for a in range(3):
+            best = max(best, _of_one_scale(max(K[a, a], 0.0), g[a], wide))
     return best - max(0.0, _of_one_scale(common, slope, _SMALL), _of_three_scales(K, g, _SMALL))
 
 

@@ -18,6 +18,7 @@ from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.modes import DENIED
 from nav_pose_estimator.engine.samples import BodyVelocity
 from nav_pose_estimator.engine.sensors.body_velocity import BodyVelocitySensor
+from nav_pose_estimator.engine.sensors.gyroscope.watch import Second
 
 _GROUNDED = 1.0  # m/s
 _OFF_FOR = 4.0  # s over which the median innovation of positions is taken
@@ -73,8 +74,13 @@ def _watch_the_gyroscope(run: FilterRun, t: float, is_aided: bool) -> None:
         return
     own, stamp_ns = GYRO_MATRIX.states(whole.constants), run.clock.stamp(t)
     nis = run.gnss.velocity.doubt.largest_nis(t - _LATELY)
-    if watch.second(whole.nav[GYRO_MATRIX.estimates], whole.P[own, own], nis, run.journal, stamp_ns):
+    bias = whole.nav[at.GYRO_BIAS : at.GYRO_BIAS + 3]
+    seen = Second(
+        whole.nav[GYRO_MATRIX.estimates], whole.P[own, own], bias, nis, motion.suspects, motion.imu_agrees
+    )
+    if watch.second(seen, run.journal, stamp_ns):
         run.observe(run.gyro_matrix.observe(watch.evidence, t, stamp_ns))
+    motion.filter_contradicts = watch.contradicts
 
 
 def _watch_for_a_pull(run: FilterRun, rows: np.ndarray, is_aided: bool) -> None:
