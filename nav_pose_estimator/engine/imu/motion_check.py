@@ -97,6 +97,11 @@ class MotionCheck:
         if math.isfinite(sum(received)):
             self._received.add(t, *received)
 
+    def angles(self, k: int) -> np.ndarray | None:
+        """Integrated rates (BINS, 3) [rad] of the second that ends at ``k``, one of the last eight; None if unknown."""
+        second = self._seconds.get(k)
+        return None if second is None else second[ANGLE]
+
     def fix(self, t: float, east: float, north: float) -> None:
         """Add a position [m] in any level frame, valid at ``t`` [s]; it shows rest where velocities are missing."""
         if not self._positions or t > self._positions[-1][0]:

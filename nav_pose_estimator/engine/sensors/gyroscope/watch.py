@@ -20,6 +20,7 @@ from nav_pose_estimator.engine.solutions import Level
 
 _CERTAIN = 8.0
 """Log Bayes factor from which the scale is wrong; see docs/plausibility.md for that of recorded flights."""
+_SHOWN = -1.5  # log Bayes factor of a wrong yaw axis below which GNSS has shown it to be right, to about 7 %
 _CALM, _CALM_FOR = 1.0, 20  # NIS per row of GNSS velocity, and s below it, that end a doubt
 _ROUGH_FOR = 3  # s of a larger NIS, or a suspicion, with which the doubt returns
 _LARGE, _LARGEST = 0.3, 0.7  # scale errors that motion has to confirm, and that the linear error model cannot follow
@@ -29,8 +30,9 @@ _CHANGED = math.radians(0.1)  # rad/s: smallest change of a bias that explains a
 _DIAGONAL = (0, 4, 8)  # scale factors in the matrix, row-major
 _REASON = "the gyroscope's rates do not fit GNSS: attitude and heading are uncertain"
 _DOUBT = (
-    "the gyroscope's rates do not fit GNSS: its scale, signs or axes are probably wrong, or its bias has changed, or "
-    "the stamps of GNSS are late; attitude and heading are uncertain until they fit"
+    "the gyroscope's rates do not fit GNSS: its scale, signs or axes are probably wrong, or its bias has changed (by "
+    "temperature, a shock, or with the force), or the stamps of GNSS are late; attitude and heading are uncertain until "
+    "they fit"
 )
 _AGAIN = "the navigator started again, so the gyroscope's scale has to be found again: until then it is in doubt"
 
@@ -50,6 +52,8 @@ class Second(NamedTuple):
     """Whether other signs or axes explain what GNSS shows far better."""
     agrees: bool = False
     """Whether the IMU has measured the changes of velocity of a manoeuvre."""
+    compass_differs: bool = False
+    """Whether gyroscope and magnetometer turn differently, with wrong signs or axes of either."""
 
 
 class GyroWatch:
@@ -59,10 +63,13 @@ class GyroWatch:
         self.evidence = GyroEvidence()
         self.reason = ""
         """Why the solution is less certain, one clause for the user; empty where it is not."""
+        self.compass_reason = ""
+        """The same for turns that the magnetometer contradicts while GNSS does not show which of the two is right."""
         self.contradicts = False
         """Whether the filter's own estimate is the reason."""
         self._is_wide = self._was_wide = False  # whether the filter's prior is released, and was before its restart
         self._suspected = False  # whether other signs or axes have been, since the doubt began
+        self._told = False  # that the magnetometer contradicts it
         self._rough = 0
         self._calm = self._moved = 0  # s in which GNSS has agreed with the filter, and those of manoeuvres
         self._bias = np.zeros(3)  # before the doubt
@@ -76,6 +83,7 @@ class GyroWatch:
     def second(self, seen: Second, journal: Journal, stamp_ns: int) -> bool:
         """Add a second that has been ``seen``. True where the prior is to be released."""
         self.evidence.add(seen.m, seen.P, seen.nis)
+        self._compare_with_compass(seen, journal, stamp_ns)
         proved = self.evidence.odds >= _CERTAIN  # not if the odds are NaN
         self._suspected |= seen.suspected
         self.contradicts |= proved and bool(self.reason or not self._is_wide)
@@ -93,6 +101,20 @@ class GyroWatch:
         self._was_wide = False
         self.reason = _REASON
         return True
+
+    def _compare_with_compass(self, seen: Second, journal: Journal, stamp_ns: int) -> None:
+        """Doubt the heading while the magnetometer contradicts a yaw axis of which GNSS has shown nothing."""
+        if not seen.compass_differs or self.evidence.yaw_odds < _SHOWN:
+            self.compass_reason = ""
+        elif not self.compass_reason:
+            self.compass_reason = "gyroscope and magnetometer turn differently: the heading is uncertain"
+            text = (
+                "gyroscope and magnetometer turn differently: signs or axes of one of them are wrong; the heading is "
+                "uncertain until GNSS shows which"
+            )
+            if not self._told:
+                journal.say(stamp_ns, "imu.gyroscope.compass", Level.WARN, text)
+            self._told = True
 
     def _settle(self, seen: Second, journal: Journal, stamp_ns: int) -> None:
         """End the doubt when GNSS has agreed with the filter for a while, and the estimate is one of scale factors."""
