@@ -69,8 +69,8 @@ def test_a_wrong_scale_is_told_from_a_right_one() -> None:
 
 
 def test_axes_that_are_right_say_nothing_of_the_third() -> None:
-    """GIVEN motion that has shown x and y to be right for a minute, and z not at all THEN the odds are those of a choice
-    among three axes: that minute does not count against a wrong z."""
+    """GIVEN motion that has shown x and y to be right for a minute, and z not at all THEN the odds are those of a
+    choice among three axes: that minute does not count against a wrong z."""
     shown = np.zeros((SIZE, SIZE))
     shown[:6, :6] = 60.0 * second(np.random.default_rng(3), np.zeros(SIZE))[0][:6, :6]
     found = GyroEvidence()

@@ -122,7 +122,7 @@ def test_a_restart_within_a_doubt_is_no_news() -> None:
 
 
 def test_a_bias_that_has_changed_is_named() -> None:
-    """GIVEN a doubt WHEN GNSS agrees with right scale factors and another bias THEN the bias is said to have changed."""
+    """GIVEN a doubt WHEN GNSS agrees with right scales and another bias THEN the change of the bias is said."""
     watched = Watched()
     watched.contradict()
     watched.seconds(LONG, bias=np.radians([0.0, 0.5, 0.01]))

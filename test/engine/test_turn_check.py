@@ -16,9 +16,11 @@ MIRRORED = np.diag([1.0, 1.0, -1.0])
 TUMBLE, YAW = np.array([0.5, 0.4, 0.6]), np.array([0.0, 0.0, 0.6])  # rad/s: amplitudes of the rates
 
 
-def checked(gyro: np.ndarray, mag: np.ndarray, rates: np.ndarray, iron: float = 0.0) -> TurnCheck:
+def checked(gyro: np.ndarray, mag: np.ndarray, rates: np.ndarray, iron: float = 0.0, ahead: bool = False) -> TurnCheck:
     """A minute of turning, with the matrices that rates and fields are multiplied by, and hard iron of this share."""
     found, q, angles = TurnCheck(), (1.0, 0.0, 0.0, 0.0), {}
+    if ahead:
+        found.field(86400.0, tuple(FIELD))
     for k in range(1, SECONDS + 1):
         angles[k] = np.empty((BINS, 3))
         for b in range(BINS):
@@ -60,6 +62,11 @@ def test_a_turn_on_the_spot_does_not_show_which_sensor_is_wrong() -> None:
     found = checked(MIRRORED, SAME, YAW)
     assert found.differs
     assert not found.is_mirrored
+
+
+def test_a_stamp_of_tomorrow_does_not_end_the_check() -> None:
+    """GIVEN one field with a stamp far ahead WHEN an axis is inverted THEN it is found all the same."""
+    assert checked(MIRRORED, SAME, TUMBLE, ahead=True).is_mirrored
 
 
 def test_fields_with_gaps_show_nothing() -> None:

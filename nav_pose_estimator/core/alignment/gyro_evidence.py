@@ -11,9 +11,9 @@ two priors is the evidence for a gyroscope of another range, sign or axis. It ne
     log Bayes factor   -1/2 log det(I + w K) + 1/2 g' (K + I/w)^-1 g
 
 B has one column for a scale common to all axes, or for that of one axis, or three for each axis. Without the second,
-axes that have been seen to be right would count against a third that has not. The scale factors of a sound gyroscope without
-calibration are wrong by some per cent, more than the filter's prior says. So a small w is an explanation by a right
-gyroscope, and the evidence is against the better one of this and of w = 0.
+axes that have been seen to be right would count against a third that has not. The scale factors of a sound gyroscope
+without calibration are wrong by some per cent, more than the filter's prior says. So a small w is an explanation by a
+right gyroscope, and the evidence is against the better one of this and of w = 0.
 
 What a second adds to J and h is divided by its variance of unit weight where that exceeds one, as noise of that
 variance would do. A shock, a tumble or a late velocity gives large innovations for a moment, and little evidence.
@@ -51,7 +51,7 @@ class GyroEvidence:
         self.odds = 0.0
         """Log Bayes factor of wrong scale factors against those of a sound gyroscope."""
         self.yaw_odds = 0.0
-        """The same of z alone against exactly right scale factors: clearly negative where GNSS has shown z to be right."""
+        """The same of z alone against exactly right ones: clearly negative where GNSS has shown z to be right."""
         self._before, self._variances = np.zeros((SIZE + 1, SIZE)), np.zeros(SIZE)
         self._total = np.zeros((SIZE + 1, SIZE))  # J, and h in the last row
         self._skips = False
@@ -101,7 +101,7 @@ def _add_information(P, away, weight, before, total):
 
 @kernel
 def _log_bayes_factors(total, variance):
-    """Log Bayes factor of the best wide prior against the best right one, and that of z; minus infinity where invalid."""
+    """Log Bayes factor of the best wide prior against the best right one, and that of z; -inf where invalid."""
     size = total.shape[1]
     precision, C = np.empty((size, size)), np.zeros((size, size))
     for i in range(size):

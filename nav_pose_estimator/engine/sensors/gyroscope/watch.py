@@ -31,8 +31,8 @@ _DIAGONAL = (0, 4, 8)  # scale factors in the matrix, row-major
 _REASON = "the gyroscope's rates do not fit GNSS: attitude and heading are uncertain"
 _DOUBT = (
     "the gyroscope's rates do not fit GNSS: its scale, signs or axes are probably wrong, or its bias has changed (by "
-    "temperature, a shock, or with the force), or the stamps of GNSS are late; attitude and heading are uncertain until "
-    "they fit"
+    "temperature, a shock, or with the force), or the stamps of GNSS are late; attitude and heading are uncertain "
+    "until they fit"
 )
 _AGAIN = "the navigator started again, so the gyroscope's scale has to be found again: until then it is in doubt"
 
