@@ -8,6 +8,7 @@ from nav_pose_estimator.core.alignment.gyro_evidence import SIZE, GyroEvidence
 V, WRONG, SMALL = 0.01**2, (0.3**2, 1.0), 0.02**2  # variances of the narrow prior, of wrong scales, of sound ones
 DIAGONAL = np.eye(SIZE)[:, [0, 4, 8]]
 COMMON = DIAGONAL.sum(axis=1, keepdims=True)
+ONE_AXIS = [DIAGONAL[:, [axis]] for axis in range(3)]
 SCALED = (DIAGONAL @ np.full(3, 0.2)).astype(float)
 
 
@@ -46,8 +47,12 @@ def test_the_odds_are_the_bayes_factor_of_the_two_priors(truth: np.ndarray) -> N
     """GIVEN observations of M WHEN the odds are computed from the narrow posterior THEN they are the exact ones."""
     found, J, h = evidence_of(truth, seconds=4)
     wide, small = (
-        [log_marginal(J, h, V * np.eye(SIZE) + w * B @ B.T) for B in (COMMON, DIAGONAL) for w in added]
-        for added in (WRONG, (0.0, SMALL))
+        [
+            log_marginal(J, h, V * np.eye(SIZE) + w * B @ B.T) - chosen * (B.shape[1] == 1 and B is not COMMON)
+            for B in (COMMON, DIAGONAL, *ONE_AXIS)
+            for w in added
+        ]
+        for added, chosen in ((WRONG, np.log(3.0)), ((0.0, SMALL), 0.0))
     )
     assert found.odds == pytest.approx(max(wide) - max(small), rel=1e-6, abs=1e-6)
 
@@ -59,8 +64,19 @@ def test_a_scale_of_an_uncalibrated_gyroscope_is_right() -> None:
 
 def test_a_wrong_scale_is_told_from_a_right_one() -> None:
     """GIVEN the same motion WHEN the scale is right, or wrong by 20 % THEN the odds are against, or for it."""
-    assert evidence_of(np.zeros(SIZE), seconds=6)[0].odds < -2.0
+    assert evidence_of(np.zeros(SIZE), seconds=6)[0].odds < -1.5
     assert evidence_of(SCALED, seconds=6)[0].odds > 8.0
+
+
+def test_axes_that_are_right_say_nothing_of_the_third() -> None:
+    """GIVEN motion that has shown x and y to be right for a minute, and z not at all THEN the odds are those of a
+    choice among three axes: that minute does not count against a wrong z."""
+    shown = np.zeros((SIZE, SIZE))
+    shown[:6, :6] = 60.0 * second(np.random.default_rng(3), np.zeros(SIZE))[0][:6, :6]
+    found = GyroEvidence()
+    for J in (np.zeros((SIZE, SIZE)), shown):
+        found.add(*posterior(J, np.zeros(SIZE)), 0.1)
+    assert found.odds == pytest.approx(-np.log(3.0), abs=0.1)
 
 
 def test_seconds_of_large_innovations_count_less() -> None:

@@ -11,6 +11,7 @@ from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.observation import FilterView
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.sensors.gyroscope.prior import SCALES, WIDE
+from nav_pose_estimator.engine.sensors.gyroscope.watch import Second
 
 NARROW = 0.01
 CONSTANTS = plain_constants([GYRO_MATRIX])
@@ -75,10 +76,12 @@ def test_a_doubt_outlives_a_reset() -> None:
     """GIVEN a gyroscope in doubt WHEN the navigator starts again THEN the doubt stays, and the prior is released."""
     sins = PoseEstimator(Parameters(), attitude=False).sins
     seconds = [
-        (np.full(SIZE, mean), NARROW**2 * share * np.eye(SIZE), 1.0) for mean, share in ((0.0, 1.0), (0.05, 0.5))
+        Second(np.full(SIZE, mean), NARROW**2 * share * np.eye(SIZE), np.zeros(3), 1.0)
+        for mean, share in ((0.0, 1.0), (0.05, 0.5))
     ]
-    released = [sins.run.gyro_watch.second(*second, sins.journal, 0) for second in seconds]
+    released = [sins.run.gyro_watch.second(second, sins.journal, 0) for second in seconds]
     assert released == [False, True]
     sins.reset(0, "test")
     assert "gyroscope" in sins.status().doubt
-    assert sins.run.gyro_watch.second(*seconds[0], sins.journal, 0)
+    assert sins.run.gyro_watch.second(seconds[0], sins.journal, 0)
+    assert sins.status().counters["imu.gyroscope.doubted"] == 1

@@ -81,6 +81,16 @@ def test_another_sign_or_axis_is_in_doubt_until_it_is_named(gyro: np.ndarray) ->
     assert status.doubt or status.waiting_for
 
 
+def test_an_inverted_yaw_axis_stays_in_doubt_at_rest() -> None:
+    """GIVEN a z axis of wrong sign WHEN the vehicle turns, flies and then stands still for half a minute THEN the doubt
+    that the first leg has raised is still there, although GNSS agrees at rest."""
+    flown = Flown(np.diag([1.0, 1.0, -1.0]), "stop_and_go")
+    doubted = flown.events["imu.gyroscope.doubted"][0]
+    assert doubted < 50.0
+    assert [t for t in flown.wrong_and_good if t > doubted] == []
+    assert flown.estimator.status().doubt
+
+
 @pytest.mark.parametrize("name", ["multirotor_light", "fixed_wing", "hover"])
 def test_a_sound_gyroscope_is_left_in_peace(name: str) -> None:
     """GIVEN a sound gyroscope THEN it is never in doubt, and its prior stays."""

@@ -10,9 +10,10 @@ two priors is the evidence for a gyroscope of another range, sign or axis. It ne
     information on a   K = B' (v I - C) B / v^2,  g = B' d / v
     log Bayes factor   -1/2 log det(I + w K) + 1/2 g' (K + I/w)^-1 g
 
-B has one column for a scale common to all axes, or three for each axis. The scale factors of a sound gyroscope without
-calibration are wrong by some per cent, more than the filter's prior says. So a small w is an explanation by a right
-gyroscope, and the evidence is against the better one of this and of w = 0.
+B has one column for a scale common to all axes, or for that of one axis, or three for each axis. Without the second,
+axes that have been seen to be right would count against a third that has not. The scale factors of a sound gyroscope
+without calibration are wrong by some per cent, more than the filter's prior says. So a small w is an explanation by a
+right gyroscope, and the evidence is against the better one of this and of w = 0.
 
 What a second adds to J and h is divided by its variance of unit weight where that exceeds one, as noise of that
 variance would do. A shock, a tumble or a late velocity gives large innovations for a moment, and little evidence.
@@ -35,6 +36,7 @@ SIZE = 9  # elements of M, row-major
 _SCALES = (0, 4, 8)  # those on the diagonal
 _WIDE = (0.3**2, 1.0)  # variances of scale factors: of a gyroscope of another range, of another sign or axis
 _SMALL = 0.02**2  # the same of a sound gyroscope, beyond the narrow prior
+_CHOICE = math.log(3.0)  # each single axis has a third of the prior probability
 _GREW = 1.01  # growth of a variance within a second beyond the driving noise
 
 
@@ -48,6 +50,8 @@ class GyroEvidence:
         self.centre, self.variance = np.zeros(SIZE), 0.0
         self.odds = 0.0
         """Log Bayes factor of wrong scale factors against those of a sound gyroscope."""
+        self.yaw_odds = 0.0
+        """The same of z alone against exactly right ones: clearly negative where GNSS has shown z to be right."""
         self._before, self._variances = np.zeros((SIZE + 1, SIZE)), np.zeros(SIZE)
         self._total = np.zeros((SIZE + 1, SIZE))  # J, and h in the last row
         self._skips = False
@@ -66,11 +70,11 @@ class GyroEvidence:
         weight = 0.0 if skips else 1.0 / max(nis, 1.0)
         self._variances, self._skips = variances, False
         if _add_information(P, m - self.centre, weight, self._before, self._total):
-            self.odds = _log_bayes_factor(self._total, self.variance)
+            self.odds, self.yaw_odds = _log_bayes_factors(self._total, self.variance)
 
     def begin_again(self) -> None:
         """Forget all evidence: the filter has started again with a narrow prior."""
-        self.variance = self.odds = 0.0
+        self.variance = self.odds = self.yaw_odds = 0.0
         self._total[:] = 0.0
 
     def skip(self) -> None:
@@ -96,8 +100,8 @@ def _add_information(P, away, weight, before, total):
 
 
 @kernel
-def _log_bayes_factor(total, variance):
-    """Log Bayes factor of the best wide prior against the best right one; minus infinity where invalid."""
+def _log_bayes_factors(total, variance):
+    """Log Bayes factor of the best wide prior against the best right one, and that of z; -inf where invalid."""
     size = total.shape[1]
     precision, C = np.empty((size, size)), np.zeros((size, size))
     for i in range(size):
@@ -105,7 +109,7 @@ def _log_bayes_factor(total, variance):
             precision[i, j] = 0.5 * (total[i, j] + total[j, i])
         precision[i, i] += 1.0 / variance
     if not _inverse(precision, C):
-        return -math.inf
+        return -math.inf, -math.inf
     K, g = np.empty((3, 3)), np.zeros(3)
     common, slope = 0.0, 0.0
     for a in range(3):
@@ -118,13 +122,24 @@ def _log_bayes_factor(total, variance):
     common, best = max(common, 0.0), -math.inf
     for wide in _WIDE:
         best = max(best, _of_one_scale(common, slope, wide), _of_three_scales(K, g, wide))
-    return best - max(0.0, _of_one_scale(common, slope, _SMALL), _of_three_scales(K, g, _SMALL))
+        best = max(best, _of_one_axis(K, g, wide) - _CHOICE)
+    sound = max(_of_one_scale(common, slope, _SMALL), _of_three_scales(K, g, _SMALL), _of_one_axis(K, g, _SMALL))
+    return best - max(0.0, sound), _of_one_scale(max(K[2, 2], 0.0), g[2], _WIDE[0])
 
 
 @kernel
 def _of_one_scale(K, g, wide):
     """Log Bayes factor of a common scale of variance ``wide``; ``K`` and ``g`` are the information on it."""
     return -0.5 * math.log(1.0 + wide * K) + 0.5 * g**2 / (K + 1.0 / wide)
+
+
+@kernel
+def _of_one_axis(K, g, wide):
+    """Largest log Bayes factor of a scale of variance ``wide`` of one axis; ``K`` (3, 3) and ``g`` (3,) as below."""
+    best = -math.inf
+    for a in range(3):
+        best = max(best, _of_one_scale(max(K[a, a], 0.0), g[a], wide))
+    return best
 
 
 @kernel

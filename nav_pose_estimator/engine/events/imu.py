@@ -98,6 +98,12 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "the gyroscope fits GNSS with another scale, which the navigator uses from now on",
             "set the range that the driver converts with; the log line has the factor of each axis",
         ),
+        Entry(
+            "imu.gyroscope.compass",
+            "gyroscope and magnetometer turn differently: one of them has wrong signs or axes",
+            "check signs and axes of both, and aids.magnetometer_rpy; a wrong magnetometer is no longer in doubt once "
+            "GNSS has shown the gyroscope to be right",
+        ),
         Entry("imu.gyroscope.fits", "the gyroscope's scale is right after all: the doubt has ended"),
         Entry("gyro_matrix.released", "the gyroscope is in doubt: its scale factors are uncertain by 0.5 from then on"),
         Entry(

@@ -33,6 +33,9 @@ On sixteen recorded flights, with 0 and 0.2 s of ``gnss.delay``, no mistake redu
 """
 _WINS, _WIN = 2.7, 0.01
 """A mistake must win about three consecutive windows (faded count), each by this squared misfit; a shock is in two."""
+_WINS_OF_TWO = 1.8
+"""The same, about two windows, where the filter's estimate of the gyroscope's scale contradicts its rates as well."""
+_WINS_OF_A_SUSPECT = 0.9  # the same, one window, for a mistake that is suspected but not named
 _EXCITED, _AGREES = 0.06, 0.5
 """Smallest horizontal fraction of the force, and largest misfit relative to it, with which IMU and GNSS agree."""
 _UNREAL = 0.6  # horizontal fraction of the force over a window above which the velocities have a wrong unit
@@ -56,6 +59,10 @@ class MotionCheck:
         self._established: int | None = None
         self._calm = 0
         self.finding: Finding | None = None
+        self.suspects = False
+        """Whether a mistake has won a window with all the evidence that a finding needs."""
+        self.filter_contradicts = False
+        """Whether the filter's estimate of the gyroscope's scale contradicts its rates, to be set from outside."""
         self.misfit = math.nan
         self.imu_agrees = False
         """Whether the IMU measured the velocity changes that GNSS reports, in the last window."""
@@ -89,6 +96,11 @@ class MotionCheck:
             self._velocities.add(t, *used)
         if math.isfinite(sum(received)):
             self._received.add(t, *received)
+
+    def angles(self, k: int) -> np.ndarray | None:
+        """Integrated rates (BINS, 3) [rad] of the second that ends at ``k``, one of the last eight; None if unknown."""
+        second = self._seconds.get(k)
+        return None if second is None else second[ANGLE]
 
     def fix(self, t: float, east: float, north: float) -> None:
         """Add a position [m] in any level frame, valid at ``t`` [s]; it shows rest where velocities are missing."""
@@ -188,7 +200,10 @@ class MotionCheck:
                 self._established, self.finding = None, None
             return
         best = int(np.argmin(sums))
-        if self._wins[best] < _WINS or sums[best] > _BETTER * sums[0] or sums[0] - sums[best] < _EVIDENCE:
+        gain = sums[0] - sums[best] if sums[best] < _BETTER * sums[0] else 0.0
+        needed = _WIN if self.filter_contradicts else _EVIDENCE
+        self.suspects = bool(gain > needed and self._wins[best] > _WINS_OF_A_SUSPECT)
+        if gain < _EVIDENCE or self._wins[best] < (_WINS_OF_TWO if self.filter_contradicts else _WINS):
             return
         alike = np.flatnonzero(sums < _ALIKE * sums[best] + _ALIKE_FLOOR)
         self._established = min(alike.tolist(), key=self._complexity)

@@ -16,8 +16,10 @@ from nav_pose_estimator.engine.imu.doubt import Doubt
 from nav_pose_estimator.engine.navigator import heading_trial
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.modes import DENIED
-from nav_pose_estimator.engine.samples import BodyVelocity
+from nav_pose_estimator.engine.samples import BodyVelocity, MagSample
 from nav_pose_estimator.engine.sensors.body_velocity import BodyVelocitySensor
+from nav_pose_estimator.engine.sensors.gyroscope.watch import Second
+from nav_pose_estimator.engine.sensors.magnetometer import Magnetometer
 
 _GROUNDED = 1.0  # m/s
 _OFF_FOR = 4.0  # s over which the median innovation of positions is taken
@@ -38,6 +40,14 @@ def look_back(run: FilterRun, t: float) -> None:
     if run.timeline.running:
         _look_at_motion(run)
     _look_at_imu(run, t, end)
+    if run.timeline.running:
+        _magnetometer(run).turns.second(round(end), run.imu_physics.motion.angles)
+
+
+def _magnetometer(run: FilterRun) -> Magnetometer:
+    sensor = run.aids[MagSample]
+    assert isinstance(sensor, Magnetometer)
+    return sensor
 
 
 def _look_at_motion(run: FilterRun) -> None:
@@ -73,8 +83,14 @@ def _watch_the_gyroscope(run: FilterRun, t: float, is_aided: bool) -> None:
         return
     own, stamp_ns = GYRO_MATRIX.states(whole.constants), run.clock.stamp(t)
     nis = run.gnss.velocity.doubt.largest_nis(t - _LATELY)
-    if watch.second(whole.nav[GYRO_MATRIX.estimates], whole.P[own, own], nis, run.journal, stamp_ns):
+    bias = whole.nav[at.GYRO_BIAS : at.GYRO_BIAS + 3]
+    turns = _magnetometer(run).turns
+    suspected = motion.suspects or turns.is_mirrored
+    m, P = whole.nav[GYRO_MATRIX.estimates], whole.P[own, own]
+    seen = Second(m, P, bias, nis, suspected, motion.imu_agrees, turns.differs)
+    if watch.second(seen, run.journal, stamp_ns):
         run.observe(run.gyro_matrix.observe(watch.evidence, t, stamp_ns))
+    motion.filter_contradicts = watch.contradicts
 
 
 def _watch_for_a_pull(run: FilterRun, rows: np.ndarray, is_aided: bool) -> None:

@@ -28,6 +28,7 @@ from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import AttitudeSample, GnssFix, SetPose
 from nav_pose_estimator.engine.sensors.gnss.innovation_record import beyond_chance
 from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import excessive_sd
+from nav_pose_estimator.engine.sensors.magnetic import turn_check
 from nav_pose_estimator.engine.sensors.magnetometer import level_field
 from nav_pose_estimator.engine.sensors.routine import routine
 
@@ -230,6 +231,7 @@ def warm_up(constants: np.ndarray) -> None:
     delay.velocity_at(nav, zero)
     gated_height(nav, P, constants, 0.0, 1.0, 10.0, 100.0)
     motion_check.warm_up()
+    turn_check.warm_up()
     means = np.ones((unfelt_change.SPANS, unfelt_change.COLUMNS))
     unfelt_change.UnfeltChange().find(means)
     unfelt_change.add_second(means, 0, np.ones((2, 4)), np.ones((1, 4)), 0.0, 0.0, 0.0)

@@ -54,6 +54,7 @@ def status_of(run: FilterRun) -> Status:
         doubt=run.gnss.position.doubt(t)
         or run.imu_physics.doubt
         or run.gyro_watch.reason
+        or run.gyro_watch.compass_reason
         or _unseen(run)
         or _unknown_heading(run)
         or _heights(run)

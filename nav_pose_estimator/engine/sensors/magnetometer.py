@@ -25,6 +25,7 @@ from nav_pose_estimator.engine.samples import MagSample, Vector3
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.magnetic.compass_check import CURE, CompassCheck, single_cause
 from nav_pose_estimator.engine.sensors.magnetic.field_calibration import FieldCalibration
+from nav_pose_estimator.engine.sensors.magnetic.turn_check import TurnCheck
 from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised, Pacer, shared_error
 from nav_pose_estimator.engine.solutions import Level
 
@@ -50,6 +51,8 @@ class Magnetometer(Aid):
         self._since = 0.0
         self._is_new = True
         self._check = CompassCheck()
+        self.turns = TurnCheck()
+        """The test of its turns against those of the gyroscope."""
         self._calibration, self._hard_iron = FieldCalibration(parameters), parameters.attitude.hard_iron
 
     def set_parameters(self, parameters: Parameters) -> None:
@@ -81,7 +84,9 @@ class Magnetometer(Aid):
             return None
         if not is_within(sample.field, LARGEST_FIELD) or not any(sample.field):
             return self._refuse()
-        return Observation(t, sample.stamp_ns, self.kind, tuple(self.receive(sample)))
+        field = self.receive(sample)
+        self.turns.field(t, field)
+        return Observation(t, sample.stamp_ns, self.kind, tuple(field))
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
         """While GNSS shows the heading learn the offset; otherwise correct the heading by the field."""
