@@ -11,6 +11,7 @@ from nav_pose_estimator.core.earth.ellipsoid import radii
 from nav_pose_estimator.core.filter import bias_noise, measurements
 from nav_pose_estimator.core.filter.kalman import ACCEPTED
 from nav_pose_estimator.core.filter.layout import ALT, DPOS, VEL
+from nav_pose_estimator.core.filter.strapdown import note_gnss
 from nav_pose_estimator.core.gnss import height_reference
 from nav_pose_estimator.core.gnss.height_reference import HeightReference
 from nav_pose_estimator.core.gnss.reacquisition import Reacquisition, ReacquisitionSettings
@@ -249,9 +250,10 @@ class GnssPositionSensor(Sensor):
         self.reception.use(o.t, with_height=len(z) == 3)
 
     def settle(self, o: Observation, f: FilterView) -> None:
-        """Update the identification of the gyroscope bias's noise while GNSS is good."""
+        """Identify the gyroscope bias's noise, and keep the velocity, while GNSS is good."""
         if self._aiding.gnss_is_good(o.t):
             bias_noise.observe(f.nav, f.P)
+            note_gnss(f.nav)
 
     def decide_return(self, accept: bool) -> bool:
         """The operator's decision on a held return, or on a change that no force explains; False without either."""
