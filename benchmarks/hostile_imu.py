@@ -26,6 +26,7 @@ from nav_pose_estimator.engine.samples import (
     PressureSample,
     Sample,
     SatelliteCount,
+    Vector3,
 )
 from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavBlock
 from nav_pose_estimator.sim import faults, scenarios
@@ -39,28 +40,26 @@ WRONG, LEAST = 3.0, 3.0  # sigmas, and m: an error that exceeds both is wrong
 Samples = Iterator[Sample]
 
 
-PLACE = ("lat", "lon", "alt")
-
-
 class LowPass:
     """First-order low-passes of time constant ``tau`` [s], one per key."""
 
     def __init__(self, tau: float) -> None:
         self._tau = tau
-        self._last: dict[object, tuple[int, tuple[float, ...]]] = {}
+        self._last: dict[object, tuple[int, Vector3]] = {}
 
-    def __call__(self, key: object, stamp_ns: int, values: tuple[float, ...]) -> tuple[float, ...]:
+    def __call__(self, key: object, stamp_ns: int, values: Vector3) -> Vector3:
         """The smoothed ``values``."""
         before_ns, before = self._last.get(key, (stamp_ns, values))
         share = 1.0 - math.exp(-1e-9 * (stamp_ns - before_ns) / self._tau)
-        smooth = tuple(old + share * (new - old) for old, new in zip(before, values, strict=True))
+        (a, b, c), (x, y, z) = before, values
+        smooth = a + share * (x - a), b + share * (y - b), c + share * (z - c)
         self._last[key] = stamp_ns, smooth
         return smooth
 
-
-def place_of(fix: GnssFix) -> tuple[float, float, float]:
-    """Latitude, longitude and height."""
-    return fix.lat, fix.lon, fix.alt
+    def fix(self, fix: GnssFix) -> GnssFix:
+        """The smoothed ``fix``."""
+        lat, lon, alt = self(GnssFix, fix.stamp_ns, (fix.lat, fix.lon, fix.alt))
+        return replace(fix, lat=lat, lon=lon, alt=alt)
 
 
 @dataclass(frozen=True)
@@ -115,7 +114,7 @@ def filtered(flight: Flight) -> Samples:
     smooth = LowPass(flight.rng.uniform(0.3, 1.0))
     for sample in flight.recording.samples():
         if isinstance(sample, GnssFix):
-            yield replace(sample, **dict(zip(PLACE, smooth(GnssFix, sample.stamp_ns, place_of(sample)), strict=True)))
+            yield smooth.fix(sample)
         elif isinstance(sample, GnssVelocity):
             yield replace(sample, vel_enu=smooth(GnssVelocity, sample.stamp_ns, sample.vel_enu))
         else:
@@ -125,14 +124,14 @@ def filtered(flight: Flight) -> Samples:
 def predicted(flight: Flight) -> Samples:
     """The receiver extrapolates its positions by 0.3 to 1 s with velocities that it smooths with as much."""
     lag = flight.rng.uniform(0.3, 1.0)
-    smooth, velocity = LowPass(lag), (0.0, 0.0, 0.0)
+    smooth = LowPass(lag)
+    velocity: Vector3 = (0.0, 0.0, 0.0)
     for sample in flight.recording.samples():
         if isinstance(sample, GnssVelocity):
             velocity = smooth(GnssVelocity, sample.stamp_ns, sample.vel_enu)
             yield replace(sample, vel_enu=velocity)
         elif isinstance(sample, GnssFix):
-            late = smooth(GnssFix, sample.stamp_ns, place_of(sample))
-            fix = replace(sample, **dict(zip(PLACE, late, strict=True)))
+            fix = smooth.fix(sample)
             yield replace(fix, **faults.moved(fix, tuple(lag * v for v in velocity)))
         else:
             yield sample
