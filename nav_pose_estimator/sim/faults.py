@@ -185,7 +185,7 @@ def _nan(value: Any) -> Any:
     return None if isinstance(value, int) or value is None else math.nan
 
 
-def moved(fix: GnssFix, offset: tuple[float, ...]) -> dict[str, float]:
+def moved(fix: GnssFix, offset: tuple[float, ...]) -> dict[str, Any]:
     """Position fields of ``fix`` moved by ``offset`` (East, North, Up) [m]."""
     R_M, R_N = radii(fix.lat)
     return {

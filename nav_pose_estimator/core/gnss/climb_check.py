@@ -2,8 +2,9 @@
 
 Over a climb the integral of the vertical velocities must equal the change of height. A barometer, where there is one,
 shows which of them is wrong: the velocity (not filled in, positive down) or the height (in another unit, positive
-down). Without a barometer, a height that changes in feet is told by its ratio to the integral; a vertical velocity
-whose horizontal components fit the displacements is in no other unit. Without a clock: time comes with the samples, in seconds since the engine's epoch.
+down). Without a barometer, a height that changes as if in feet is: a velocity whose horizontal components fit the
+displacements between fixes is in no other unit vertically. Without a clock: time comes with the samples, in seconds
+since the engine's epoch.
 """
 
 from __future__ import annotations

@@ -31,7 +31,8 @@ def constants(
 
     ``identified``: noise identified in flight; ``vibration`` [rad/s/sqrt(Hz), m/s^2/sqrt(Hz)]: additional noise of
     gyroscope and accelerometer; ``lasting``: the correlated part of the position errors that the receiver states;
-    ``latency``: what motion has shown of the latency of GNSS. The driving noise of the gyroscope bias is the smallest one if it is learned in flight, where ``bias_noise`` adds to it.
+    ``latency``: what motion has shown of the latency of GNSS. The driving noise of the gyroscope bias is the smallest
+    one if it is learned in flight, where ``bias_noise`` adds to it.
     """
     noise = math.sqrt(identified.imu_variance)
     imu, navigator = parameters.imu, parameters.navigator
