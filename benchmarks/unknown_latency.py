@@ -53,7 +53,7 @@ class Track:
 
 
 def fly(recording: Recording, track: Track, delay_sd: float) -> np.ndarray:
-    """Rows (N, 4) of the flight: horizontal error and sigma [m], whether the status is good, and whether it is wrong."""
+    """Rows (N, 4) of the flight: horizontal error and sigma [m]; whether the status is good, and the pose wrong."""
     settings = {"gnss.delay_sd": delay_sd, "learner.method": "coast"}
     estimator = PoseEstimator(update(Parameters(), settings), attitude=False)
     begin, end = flight_window(recording)
@@ -94,7 +94,7 @@ def main() -> None:
             totals[delay_sd] += lies
             print(
                 f"    delay_sd {delay_sd:.2f} s: wrong and OK {lies:5.1f} s of {EVERY * len(off):5.1f} s, error "
-                f"{np.sqrt(np.mean(off**2)):.2f} m rms, {off.max():.1f} m at most, sigma {np.median(sd):.2f} m (median)",
+                f"{np.sqrt(np.mean(off**2)):.2f} m rms, {off.max():.1f} m at most, median sigma {np.median(sd):.2f} m",
                 flush=True,
             )
     print("all:", ", ".join(f"delay_sd {key:.2f} s: {seconds:.1f} s" for key, seconds in totals.items()))

@@ -58,3 +58,16 @@ def test_motion_that_shows_no_latency_leaves_the_prior() -> None:
     assert monitor.rms(0.2) == 0.2
     windows(monitor, right=5, count=20, seed=1)
     assert monitor.rms(0.0) == 0.0
+
+
+def test_a_new_start_forgets_windows_and_keeps_a_latency() -> None:
+    """GIVEN windows of motion WHEN the navigator starts again THEN the prior is back, unless a latency was known."""
+    monitor, late = LatencyMonitor(), LatencyMonitor()
+    windows(monitor, right=3, count=10, seed=1)
+    windows(late, right=5, count=10, seed=1)
+    known = late.rms(0.2)
+    for each in (monitor, late):
+        each.forget_time()
+    assert monitor.rms(0.2) == 0.2
+    assert late.rms(0.2) == known
+    assert late.delay > 0.3

@@ -50,6 +50,12 @@ class LatencyMonitor:
         """Whether a latency is established or was lately; noise can hide it for some windows."""
         return self._remains > 0
 
+    def forget_time(self) -> None:
+        """The navigator starts again: forget the windows, keep a latency that is probable."""
+        if not self.is_probable:
+            self._sums[:], self.windows, self._found = 0.0, 0.0, 0
+            self._estimate, self._variance = 0.0, math.inf
+
     def rms(self, prior_sd: float) -> float:
         """Root mean square of the latency [s], which is zero with deviation ``prior_sd`` before any motion."""
         if not math.isfinite(self._variance):
