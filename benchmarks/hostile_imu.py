@@ -26,6 +26,7 @@ from nav_pose_estimator.engine.samples import (
     PressureSample,
     Sample,
     SatelliteCount,
+    Vector3,
 )
 from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavBlock
 from nav_pose_estimator.sim import faults, scenarios
@@ -37,6 +38,28 @@ DURATION = 100.0  # s
 GNSS = (GnssFix, GnssVelocity, SatelliteCount)
 WRONG, LEAST = 3.0, 3.0  # sigmas, and m: an error that exceeds both is wrong
 Samples = Iterator[Sample]
+
+
+class LowPass:
+    """First-order low-passes of time constant ``tau`` [s], one per key."""
+
+    def __init__(self, tau: float) -> None:
+        self._tau = tau
+        self._last: dict[object, tuple[int, Vector3]] = {}
+
+    def __call__(self, key: object, stamp_ns: int, values: Vector3) -> Vector3:
+        """The smoothed ``values``."""
+        before_ns, before = self._last.get(key, (stamp_ns, values))
+        share = 1.0 - math.exp(-1e-9 * (stamp_ns - before_ns) / self._tau)
+        (a, b, c), (x, y, z) = before, values
+        smooth = a + share * (x - a), b + share * (y - b), c + share * (z - c)
+        self._last[key] = stamp_ns, smooth
+        return smooth
+
+    def fix(self, fix: GnssFix) -> GnssFix:
+        """The smoothed ``fix``."""
+        lat, lon, alt = self(GnssFix, fix.stamp_ns, (fix.lat, fix.lon, fix.alt))
+        return replace(fix, lat=lat, lon=lon, alt=alt)
 
 
 @dataclass(frozen=True)
@@ -84,6 +107,55 @@ def gnss_late(flight: Flight) -> Samples:
     late = round(flight.rng.uniform(0.25, 0.8) * 1e9)
     for sample in flight.recording.samples():
         yield replace(sample, stamp_ns=sample.stamp_ns + late) if isinstance(sample, GnssFix | GnssVelocity) else sample
+
+
+def filtered(flight: Flight) -> Samples:
+    """The receiver smooths its positions and velocities with a low-pass of 0.3 to 1 s."""
+    smooth = LowPass(flight.rng.uniform(0.3, 1.0))
+    for sample in flight.recording.samples():
+        if isinstance(sample, GnssFix):
+            yield smooth.fix(sample)
+        elif isinstance(sample, GnssVelocity):
+            yield replace(sample, vel_enu=smooth(GnssVelocity, sample.stamp_ns, sample.vel_enu))
+        else:
+            yield sample
+
+
+def predicted(flight: Flight) -> Samples:
+    """The receiver extrapolates its positions by 0.3 to 1 s with velocities that it smooths with as much."""
+    lag = flight.rng.uniform(0.3, 1.0)
+    smooth = LowPass(lag)
+    velocity: Vector3 = (0.0, 0.0, 0.0)
+    for sample in flight.recording.samples():
+        if isinstance(sample, GnssVelocity):
+            velocity = smooth(GnssVelocity, sample.stamp_ns, sample.vel_enu)
+            yield replace(sample, vel_enu=velocity)
+        elif isinstance(sample, GnssFix):
+            fix = smooth.fix(sample)
+            yield replace(fix, **faults.moved(fix, tuple(lag * v for v in velocity)))
+        else:
+            yield sample
+
+
+def clock_scaled(flight: Flight) -> Samples:
+    """The receiver's clock runs fast or slow by 500 to 5000 ppm, from the first fix on."""
+    rate = flight.rng.choice([-1.0, 1.0]) * flight.rng.uniform(0.0005, 0.005)
+    for sample in flight.recording.samples():
+        if isinstance(sample, GnssFix | GnssVelocity):
+            since = sample.stamp_ns - flight.recording.start_ns
+            sample = replace(sample, stamp_ns=sample.stamp_ns + round(rate * since))
+        yield sample
+
+
+def height_in_feet(flight: Flight) -> Samples:
+    """The height of the fixes is in feet."""
+    for sample in flight.recording.samples():
+        yield replace(sample, alt=sample.alt / 0.3048) if isinstance(sample, GnssFix) else sample
+
+
+def height_in_feet_no_baro(flight: Flight) -> Samples:
+    """The same without a barometer."""
+    return (sample for sample in height_in_feet(flight) if not isinstance(sample, PressureSample))
 
 
 def aliased(flight: Flight) -> Samples:
@@ -195,6 +267,26 @@ def baro_drift(flight: Flight) -> Samples:
         yield sample
 
 
+def baro_weather(flight: Flight) -> Samples:
+    """The pressure drifts by 0.1 to 2 Pa/s, 0.01 to 0.2 m/s, from the start of the flight on."""
+    slope = flight.rng.choice([-1.0, 1.0]) * 10.0 ** flight.rng.uniform(-1.0, 0.3)
+    for sample in flight.recording.samples():
+        if isinstance(sample, PressureSample):
+            sample = replace(sample, pressure=sample.pressure + slope * flight.seconds(sample.stamp_ns))
+        yield sample
+
+
+def baro_wash(flight: Flight) -> Samples:
+    """The pressure changes by 0.1 to 0.6 Pa for each (m/s)^2 of speed, as of a port in the airflow."""
+    factor, truth = flight.rng.choice([-1.0, 1.0]) * flight.rng.uniform(0.1, 0.6), flight.recording.truth
+    for sample in flight.recording.samples():
+        if isinstance(sample, PressureSample):
+            row = min(int(truth.t.searchsorted(flight.seconds(sample.stamp_ns))), len(truth) - 1)
+            speed = float(np.hypot(*truth.v_n[row, :2]))
+            sample = replace(sample, pressure=sample.pressure + factor * speed**2)
+        yield sample
+
+
 def with_body_velocity(
     flight: Flight, change: Callable[[float, np.ndarray, np.ndarray], np.ndarray], late: float = 0.0
 ) -> Samples:
@@ -267,6 +359,15 @@ KINDS: dict[str, tuple[Callable[[Flight], Samples], bool]] = {
     "body velocity scaled": (body_scaled, True),
     "body velocity changes": (body_changed, True),
     "body velocity offset": (body_offset, True),
+    "GNSS late, outage": (gnss_late, True),
+    "GNSS filtered": (filtered, False),
+    "GNSS filtered, outage": (filtered, True),
+    "GNSS predicted": (predicted, False),
+    "GNSS clock": (clock_scaled, False),
+    "height in feet": (height_in_feet, False),
+    "height in feet, no baro": (height_in_feet_no_baro, False),
+    "baro weather, outage": (baro_weather, True),
+    "baro airflow, outage": (baro_wash, True),
 }
 """Faults by name, and whether there is a GNSS outage."""
 

@@ -100,7 +100,7 @@ class Shift(Fault):
     def spoil(self, timed: Timed, healthy: Sample | None, number: int) -> Timed | None:
         sample: Any = timed.sample
         if isinstance(sample, GnssFix):
-            return _with(timed, _moved(sample, self.offset))
+            return _with(timed, moved(sample, self.offset))
         changes, rest = {}, list(self.offset)
         for name in VALUES[self.sensor]:
             value = getattr(sample, name)
@@ -121,7 +121,7 @@ class Creep(Fault):
 
     def spoil(self, timed: Timed, healthy: Sample | None, number: int) -> Timed | None:
         sample: Any = timed.sample
-        return _with(timed, _moved(sample, tuple(number * value for value in self.step)))
+        return _with(timed, moved(sample, tuple(number * value for value in self.step)))
 
 
 @dataclass(frozen=True)
@@ -185,7 +185,7 @@ def _nan(value: Any) -> Any:
     return None if isinstance(value, int) or value is None else math.nan
 
 
-def _moved(fix: GnssFix, offset: tuple[float, ...]) -> dict[str, float]:
+def moved(fix: GnssFix, offset: tuple[float, ...]) -> dict[str, Any]:
     """Position fields of ``fix`` moved by ``offset`` (East, North, Up) [m]."""
     R_M, R_N = radii(fix.lat)
     return {

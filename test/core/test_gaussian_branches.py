@@ -187,7 +187,7 @@ def rows_of(navs: np.ndarray, Ps: np.ndarray) -> np.ndarray:
     """Output rows (K, 1, OUT_COLUMNS) of navigators."""
     rows = np.empty((len(navs), 1, at.OUT_COLUMNS))
     for nav, P, out in zip(navs, Ps, rows, strict=True):
-        write_output(nav, P, out, 0)
+        write_output(nav, np.zeros(at.CONSTANTS_SIZE), P, out, 0)
     return rows
 
 

@@ -52,6 +52,7 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
         "imu.max_force": 20.0,
         "imu.stuck_time": 1.0,
         "gnss.delay": 0.1,
+        "gnss.delay_sd": 0.4,
         "gnss.lever_arm": (0.3, 0.3, 0.3),
         "gnss.position_sd": 3.0,
         "gnss.vertical_sd": 5.0,

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from nav_pose_estimator.core.gnss.doubt import Doubt
+from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.samples import ImuSample
+from nav_pose_estimator.engine.sensors.gnss.velocity_report import DoubtReport
 from nav_pose_estimator.engine.solutions import Mode
 from nav_pose_estimator.ros.wording import level_of, sentence
 from nav_pose_estimator.sim.faults import Shift
@@ -32,6 +34,21 @@ def test_a_filter_that_refuses_velocities_widens_and_comes_back() -> None:
     assert np.mean(told.off < 3.0 * told.sigma) > 0.97
     assert told.modes_between(76.0, 120.0) == {Mode.AIDED}
     assert told.off[told.t > 80.0].max() < 3.0
+
+
+def test_a_doubt_that_comes_back_is_no_news() -> None:
+    """GIVEN doubts WHEN one follows less than a minute after the last THEN it is counted, and one event told of all;
+    the cause is said where it is known."""
+    journal = Journal()
+    report = DoubtReport(journal)
+    for begin in (10.0, 20.0, 75.0, 200.0):
+        report.note(begin, 0, "", "it refuses velocities", "GNSS lags" if begin == 10.0 else "")
+        report.note(begin + 1.0, 0, "it refuses velocities", "it refuses all velocities", "")
+        report.note(begin + 5.0, 0, "it refuses all velocities", "", "")
+    told = journal.drain()
+    assert [event.name for event in told] == ["doubt.begun", "doubt.ended"] * 2
+    assert [("likely cause: GNSS lags" in event.text) for event in told] == [True, False, False, False]
+    assert journal.counters["doubt.begun"] == journal.counters["doubt.ended"] == 4
 
 
 def test_the_status_says_why() -> None:

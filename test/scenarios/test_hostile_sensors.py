@@ -55,6 +55,27 @@ def test_a_barometer_that_steps_in_an_outage_leaves_the_height_uncertain(step: f
     assert sd[-1] < 2.0
 
 
+@pytest.mark.parametrize("rate", [-9.0, 9.0])
+def test_a_barometer_that_drifts_on_takes_the_height_with_it_and_sigma_too(rate: float) -> None:
+    """GIVEN an outage WHEN the pressure drifts by 9 Pa/s, 0.75 m/s, THEN sigma grows with the distance by which the
+    barometer has moved the height, and is as usual once GNSS is back."""
+    recording = flight("laps", 85.0)
+
+    def drifting() -> Iterator[Sample]:
+        for sample in recording.with_faults(*silence(45.0, 30.0)).samples():
+            if isinstance(sample, PressureSample):
+                since = max(1e-9 * (sample.stamp_ns - recording.start_ns) - 47.0, 0.0)
+                sample = replace(sample, pressure=sample.pressure + rate * min(since, 28.0))
+            yield sample
+
+    told = tell(recording, samples=drifting(), learner__method="coast")
+    up, sd = np.abs(told.error[:, 2]), np.sqrt(told.variances[:, 2])
+    lost = told.between(45.0, 75.0)
+    assert up[lost].max() > 15.0
+    assert (up[lost] < 3.0 * sd[lost]).all()
+    assert sd[-1] < 3.0
+
+
 @pytest.mark.parametrize("decimals", [3, 4])
 def test_positions_with_lost_digits_are_as_vague_as_they_are(decimals: int) -> None:
     """GIVEN a driver that prints few decimals THEN the status says so, and sigma covers half a step."""

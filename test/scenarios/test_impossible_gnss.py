@@ -109,6 +109,20 @@ def test_a_vertical_velocity_that_is_never_filled_is_named() -> None:
     assert rms(told)[1] < 1.2 * rms(baseline())[1]
 
 
+def test_a_height_in_feet_is_told_without_a_barometer() -> None:
+    """GIVEN a height in feet and no barometer WHEN the vehicle climbs THEN that is said, the status is in doubt from
+    then on, and the horizontal position is as good as ever; in metres nothing is said."""
+    no_barometer = Rewrite(PressureSample, change=lambda _sample, _: None)
+    told = tell(flight(), no_barometer, Rewrite(GnssFix, change=lambda fix, _: replace(fix, alt=fix.alt / 0.3048)))
+    assert "vertical velocity it is in feet" in told.event("gnss.height.unit").text
+    assert told.when("gnss.height.unit")[0] < 60.0
+    assert "height of GNSS is in feet" in told.estimator.status().doubt
+    assert as_good_as_ever(told)
+    sound = tell(flight(), no_barometer)
+    assert sound.count("gnss.height.unit") == 0
+    assert sound.estimator.status().doubt == ""
+
+
 @pytest.mark.parametrize("every", [5, 10, 25])
 def test_a_slow_receiver_is_not_lost_between_its_fixes(every: int) -> None:
     """GIVEN a fix every 1, 2 or 5 s THEN the time-outs follow it: AIDED throughout."""

@@ -8,7 +8,7 @@ import pytest
 
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, Sample
 from nav_pose_estimator.sim.recording import Recording
-from told import Told, flight, tell
+from told import Told, flight, silence, tell
 
 pytestmark = pytest.mark.compiled
 SECONDS = 75.0
@@ -22,8 +22,8 @@ def stamped_late(recording: Recording, seconds: float) -> Iterator[Sample]:
             yield sample
 
 
-def fly(late: float, **settings: float) -> Told:
-    recording = flight("stop_and_go", SECONDS)
+def fly(late: float, vehicle: str = "stop_and_go", **settings: float) -> Told:
+    recording = flight(vehicle, SECONDS)
     return tell(recording, samples=stamped_late(recording, late), learner__enabled=False, **settings)
 
 
@@ -43,3 +43,32 @@ def test_stamps_that_are_late_are_told_with_the_amount_and_covered(late: float) 
 def test_what_is_set_is_not_told(late: float) -> None:
     """GIVEN the right ``gnss.delay`` THEN nothing is said of it."""
     assert fly(late, gnss__delay=late).count("gnss.delayed") == 0
+
+
+def share_beyond(told: Told, sigmas: float) -> float:
+    """Share of the time before the latency is told in which the position is off by more than ``sigmas``, and 3 m."""
+    before = told.t < min(told.when("gnss.delayed"), default=SECONDS)
+    return float(np.mean((told.off > sigmas * told.sigma)[before] & (told.off > 3.0)[before]))
+
+
+@pytest.mark.parametrize("vehicle", ["laps", "fixed_wing", "road_vehicle"])
+def test_the_uncertain_latency_is_covered_from_the_start(vehicle: str) -> None:
+    """GIVEN stamps late by 0.4 s WHEN that is not known yet, as in steady turns for long THEN three sigma cover the
+    way, which they do not where the stamps are said to be right."""
+    assert share_beyond(fly(0.4, vehicle), 3.0) == 0.0
+    assert share_beyond(fly(0.4, vehicle, gnss__delay_sd=0.0), 3.0) > 0.05
+
+
+def test_an_uncertain_latency_moves_nothing() -> None:
+    """GIVEN sound stamps WHEN their latency is uncertain THEN the pose is the same to the bit, and so is sigma where
+    ``gnss.delay`` is set; sigma grows with the speed, and stays larger in an outage."""
+    recording, lost = flight("laps", SECONDS), silence(60.0, SECONDS)
+    unsure, sure = (tell(recording, *lost, learner__enabled=False, gnss__delay_sd=sd) for sd in (0.2, 0.0))
+    np.testing.assert_array_equal(unsure.position, sure.position)
+    extra = np.sqrt(unsure.sigma**2 - sure.sigma**2)
+    flies = sure.between(40.0, 60.0)
+    assert np.all(extra[flies] > 0.05 * sure.speed[flies])
+    assert np.all(extra[flies] < 0.25 * sure.speed[flies] + 0.1)
+    assert extra[-1] > 0.3
+    fixed = [tell(recording, learner__enabled=False, gnss__delay=0.01, gnss__delay_sd=sd) for sd in (0.2, 0.0)]
+    np.testing.assert_array_equal(fixed[0].sigma, fixed[1].sigma)

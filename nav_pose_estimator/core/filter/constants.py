@@ -15,6 +15,7 @@ from nav_pose_estimator.core.filter.layout import (
     GAP_ACCEL_SD,
     GAP_DT,
     GAP_RATE_SD,
+    GNSS_DELAY_SD,
     GYRO_BIAS_PSD,
     GYRO_BIAS_RATE,
     GYRO_NOISE_PSD,
@@ -37,6 +38,7 @@ def make_constants(
     gap_rate_sd: float,
     gap_accel_sd: float,
     point_sampled: bool = False,
+    gnss_delay_sd: float = 0.0,
     blocks: Mapping[Block, GaussMarkov] | None = None,
 ) -> Array:
     """The constants vector of ``core.filter.layout`` (CONSTANTS_SIZE,).
@@ -44,6 +46,7 @@ def make_constants(
     ``gyro_noise`` [rad/s/sqrt(Hz)] and ``accel_noise`` [m/s^2/sqrt(Hz)] are noise densities. ``_sd`` and ``_tau`` [s]
     of the biases are steady-state standard deviation and correlation time of a Gauss-Markov process. An IMU interval
     longer than ``gap_dt`` [s] is a gap, in which rate [rad/s] and force [m/s^2] are unknown with ``gap_..._sd``.
+    ``gnss_delay_sd`` [s]: deviation of the latency of GNSS from the one that is compensated.
     ``blocks``: the optional blocks of the filter and their processes.
     """
     constants = np.zeros(CONSTANTS_SIZE)
@@ -58,6 +61,7 @@ def make_constants(
     constants[GAP_RATE_SD] = gap_rate_sd
     constants[GAP_ACCEL_SD] = gap_accel_sd
     constants[POINT_SAMPLED] = float(point_sampled)
+    constants[GNSS_DELAY_SD] = gnss_delay_sd
     blocks = blocks or {}
     set_blocks(constants, blocks)
     for block, process in blocks.items():

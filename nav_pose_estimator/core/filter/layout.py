@@ -38,7 +38,9 @@ WANDER_MARKS = 69  # 4 x 8: open windows
 WANDER_FLOOR = 101  # (rad/s)^2/s: the constants' driving noise; 0 while the identification is off
 WANDER_MEAN = 102  # mean ratio of long windows
 WANDER_COUNT = 103  # long windows so far
-NAV_SIZE = 104
+# --- uncertain latency of GNSS -------------------------------------------------------------------------------------
+GNSS_VEL = 104  # 3: velocity at the last GNSS observation, m/s: a latency displaces the position along it
+NAV_SIZE = 107
 
 # --- error state ---------------------------------------------------------------------------------------------------
 PHI = 0  # 3: misalignment in n, rad
@@ -71,7 +73,8 @@ BLOCK_PSD = 19
 ``nav``."""
 BLOCK_RATE = BLOCK_PSD + OPTIONAL_STATES
 """OPTIONAL_STATES: 1/tau, 1/s; 0 for a random walk."""
-CONSTANTS_SIZE = BLOCK_RATE + OPTIONAL_STATES
+GNSS_DELAY_SD = BLOCK_RATE + OPTIONAL_STATES  # s: deviation of the latency of GNSS from ``gnss.delay``
+CONSTANTS_SIZE = GNSS_DELAY_SD + 1
 
 # --- IMU block and output rows -------------------------------------------------------------------------------------
 IMU_T, IMU_GYRO, IMU_ACCEL, IMU_COLUMNS = 0, 1, 4, 7  # t [s since epoch], gyro [rad/s] (3), accel [m/s^2] (3)

@@ -4,8 +4,6 @@ State, covariance, constants and checkpoints lie in one vector, so that a call f
 the vector has a fixed layout; P (n, n) follows at ``HEAD``, then the checkpoints, each a copy of ``nav`` and P.
 """
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +14,7 @@ from nav_pose_estimator.core.filter.layout import (
     ALT,
     BASE_STATES,
     CONSTANTS_SIZE,
+    DPOS,
     GYRO_BIAS,
     IMU_ACCEL,
     IMU_GYRO,
@@ -32,7 +31,7 @@ from nav_pose_estimator.core.filter.layout import (
     TIME,
 )
 from nav_pose_estimator.core.filter.mixture import merge
-from nav_pose_estimator.core.filter.strapdown import integrate, write_output
+from nav_pose_estimator.core.filter.strapdown import displaced_by, integrate, write_output
 from nav_pose_estimator.core.numerics.jit import COMPILED, inlined, kernel
 from nav_pose_estimator.core.numerics.vectors import add_scaled, load3
 
@@ -142,7 +141,7 @@ def run_block(memory, rows, begin, end, due, out):
         if stops:
             return i
         if i >= end - out.shape[0]:
-            write_output(nav, P, out, out.shape[0] - end + i)
+            write_output(nav, constants, P, out, out.shape[0] - end + i)
         if nav[TIME] >= mark:
             add_checkpoint(memory)
             mark = _next_checkpoint(memory)
@@ -198,6 +197,11 @@ def complete_solution(memory, solution):
     for i in range(BASE_STATES):
         for k in range(BASE_STATES):
             solution[SOLUTION_COV + BASE_STATES * i + k] = memory[HEAD + n * i + k]
+    nav, constants = memory[NAV:CONSTANTS], memory[CONSTANTS:ORIGIN]
+    for i in range(3):
+        for k in range(3):
+            late = displaced_by(nav, constants, i) * displaced_by(nav, constants, k)
+            solution[SOLUTION_COV + BASE_STATES * (DPOS + i) + DPOS + k] += late
 
 
 @kernel

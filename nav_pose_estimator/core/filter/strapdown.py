@@ -23,7 +23,10 @@ from nav_pose_estimator.core.filter.layout import (
     ACCEL_BIAS,
     ALT,
     COV_PERIOD,
+    DPOS,
     GAP_DT,
+    GNSS_DELAY_SD,
+    GNSS_VEL,
     GRAVITY,
     GYRO_BIAS,
     GYRO_MATRIX,
@@ -143,7 +146,24 @@ def unaided_velocities(nav, constants, rows, lever, out, angle):
 
 
 @inlined
-def write_output(nav, P, out, row):
+def note_gnss(nav):
+    """Keep the velocity of the present GNSS observation: a latency displaces the position along it, also in an outage.
+
+    The latency is a consider parameter (S. Schmidt, Advances in Control Systems 3, 1966): the filter does not estimate
+    it, and what it may do to the position is added to the covariance of every solution (``displaced_by``).
+    """
+    for i in range(3):
+        nav[GNSS_VEL + i] = nav[VEL + i]
+
+
+@inlined
+def displaced_by(nav, constants, axis):
+    """Displacement [m] along an ENU ``axis`` by one standard deviation of the latency of GNSS."""
+    return constants[GNSS_DELAY_SD] * nav[GNSS_VEL + axis]
+
+
+@inlined
+def write_output(nav, constants, P, out, row):
     """Write the state to ``out`` [row] in the order of ``layout``; variances are those of the last covariance step."""
     out[row, OUT_T] = nav[TIME]
     for i in range(3):
@@ -155,6 +175,8 @@ def write_output(nav, P, out, row):
         out[row, OUT_QUAT + i] = nav[QUAT + i]
     for i in range(9):
         out[row, OUT_VAR + i] = P[i, i]
+    for i in range(3):
+        out[row, OUT_VAR + DPOS + i] += displaced_by(nav, constants, i) ** 2
 
 
 @inlined

@@ -2,7 +2,9 @@
 
 Over a climb the integral of the vertical velocities must equal the change of height. A barometer, where there is one,
 shows which of them is wrong: the velocity (not filled in, positive down) or the height (in another unit, positive
-down). Without a clock: time comes with the samples, in seconds since the engine's epoch.
+down). Without a barometer, a height that changes as if in feet is: a velocity whose horizontal components fit the
+displacements between fixes is in no other unit vertically. Without a clock: time comes with the samples, in seconds
+since the engine's epoch.
 """
 
 from __future__ import annotations
@@ -34,7 +36,8 @@ _HEIGHT = "height"
 _VERDICTS = "", SILENT, DOWN, OTHER, "?", _HEIGHT
 """Results of a climb: height and velocity agree, or the fault that explains it."""
 _IS_SOUND, _IS_SILENT, _IS_DOWN, _IS_OTHER, _IS_UNCLEAR, _IS_HEIGHT = range(len(_VERDICTS))
-_UNITS = {"in feet": 3.281, "in cm": 100.0, "in mm": 1000.0, "positive down": -1.0}
+_FEET = 3.281  # 1 m
+_UNITS = {"in feet": _FEET, "in cm": 100.0, "in mm": 1000.0, "positive down": -1.0}
 """Value of 1 m in that unit."""
 
 
@@ -42,7 +45,10 @@ _UNITS = {"in feet": 3.281, "in cm": 100.0, "in mm": 1000.0, "positive down": -1
 _T, _UP, _ALT = 0, 1, 2  # s, m/s, m: last height; the time is NaN while there is no climb
 _BEGIN, _START, _BARO_START = 3, 4, 5  # s, m, m: its beginning, by heights and by the barometer (NaN without one)
 _INTEGRAL = 6  # m: integral of the vertical velocities
-_VERDICT, _RATIO = 7, 8  # last climb that has ended: index in ``_VERDICTS``, height change over the barometer's
+_VERDICT, _RATIO = (
+    7,
+    8,
+)  # of the last climb: index in ``_VERDICTS``; height change over the barometer's, or over the integral
 _SIZE = 9
 ENDED, FAR = 1, 2
 """Results of ``take_height``, to be added: a climb has ended; the height is far from the barometer's."""
@@ -141,7 +147,8 @@ def take_height(state, t, alt, up, variance, baro):
     if undecided and _agree(height_change, integral, scatter):
         return found  # a longer climb decides
     state[_VERDICT] = _verdict(height_change, integral, baro_change, scatter)
-    state[_RATIO] = height_change / baro_change if baro_change != 0.0 else math.inf
+    standard = baro_change if math.isfinite(baro_change) else integral
+    state[_RATIO] = height_change / standard if standard != 0.0 else math.inf
     _begin(state, t, alt, up, baro)
     return found + ENDED
 
@@ -171,6 +178,8 @@ def _verdict(height_change, integral, baro_change, scatter):
         return _IS_DOWN
     if abs(integral) < 0.1 * abs(height_change):
         return _IS_SILENT
+    if math.isnan(baro_change) and abs(height_change / integral / _FEET - 1.0) < _UNIT_TOLERANCE:
+        return _IS_HEIGHT
     return _IS_OTHER if math.isfinite(baro_change) and abs(height_change) > 0.6 * _CLIMB else _IS_UNCLEAR
 
 

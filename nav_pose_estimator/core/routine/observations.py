@@ -11,6 +11,7 @@ import numpy as np
 from nav_pose_estimator.core.filter import bias_noise, measurements
 from nav_pose_estimator.core.filter.kalman import ACCEPTED, gated_correct, innovation
 from nav_pose_estimator.core.filter.layout import ALT, DPOS, LAT, PHI, QUAT
+from nav_pose_estimator.core.filter.strapdown import note_gnss
 from nav_pose_estimator.core.gnss import slow_height
 from nav_pose_estimator.core.numerics.jit import inlined, kernel
 from nav_pose_estimator.core.routine import table
@@ -84,6 +85,7 @@ def _gnss(nav, P, constants, event, settings, result):
         _keep_height_vague(P, event[table.EVENT_LEAST])
     if t - settings[table.FIX_USED] <= settings[table.LOST_AFTER]:
         bias_noise.observe(nav, P)
+        note_gnss(nav)
     return True
 
 

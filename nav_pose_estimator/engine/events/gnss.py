@@ -223,7 +223,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry(
             "gnss.height.unit",
-            "the GNSS height is in another unit, or positive down, as the barometer shows; it is not used",
+            "the GNSS height is in another unit, or positive down, by barometer or vertical velocity; it is not used",
             "let the driver send metres above the ellipsoid, positive up",
         ),
         Entry(

@@ -10,6 +10,7 @@ s of the known latency.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -27,6 +28,7 @@ _LEAST = 0.15  # s: a smaller latency is not reported
 _BETTER, _ENOUGH = 0.5, 0.8
 """A latency must reduce the sum without shift to less than this fraction, and by at least this amount [(m/s)^2]."""
 _PROOF = 2  # consecutive windows that establish a latency
+_OFFSET_SD = 0.1  # s: deviation of the latency of velocities from that of positions; on recorded flights at most 0.2
 _LATELY = 10  # windows for which a latency that is no longer established remains probable
 
 
@@ -35,6 +37,10 @@ class LatencyMonitor:
     """``delay`` [s]: stamp minus time of validity of GNSS, beyond ``gnss.delay``; 0 while none is established."""
 
     delay: float = field(default=0.0, init=False)
+    windows: float = field(default=0.0, init=False)
+    """Number of windows in the sums, faded like them."""
+    _estimate: float = field(default=0.0, init=False)  # s, with its variance [s^2]
+    _variance: float = field(default=math.inf, init=False)
     _sums: np.ndarray = field(default_factory=lambda: np.zeros(len(SHIFTS)), init=False)
     _found: int = field(default=0, init=False)
     _remains: int = field(default=0, init=False)
@@ -44,6 +50,19 @@ class LatencyMonitor:
         """Whether a latency is established or was lately; noise can hide it for some windows."""
         return self._remains > 0
 
+    def forget_time(self) -> None:
+        """The navigator starts again: forget the windows, keep a latency that is probable."""
+        if not self.is_probable:
+            self._sums[:], self.windows, self._found = 0.0, 0.0, 0
+            self._estimate, self._variance = 0.0, math.inf
+
+    def rms(self, prior_sd: float) -> float:
+        """Root mean square of the latency [s], which is zero with deviation ``prior_sd`` before any motion."""
+        if not math.isfinite(self._variance):
+            return prior_sd
+        share = prior_sd**2 / (prior_sd**2 + self._variance)
+        return math.hypot(share * self._estimate, math.sqrt(share * self._variance))
+
     def compare(self, impulses: np.ndarray, forces: np.ndarray | None) -> None:
         """Evaluate a window with motion: ``impulses`` (S, 3) [m/s] of the IMU.
 
@@ -52,19 +71,25 @@ class LatencyMonitor:
         if forces is None:
             return
         _add_up(self._sums, impulses, forces)
+        self.windows = _MEMORY * self.windows + 1.0
         self._conclude()
 
     def _conclude(self) -> None:
         sums = self._sums.tolist()
         best = min(range(len(sums)), key=lambda k: sums[k])
         delay, least = float(SHIFTS[best]), sums[best]
-        if 0 < best < len(sums) - 1:
-            slope, bend = sums[best + 1] - sums[best - 1], sums[best - 1] - 2.0 * least + sums[best + 1]
+        middle = min(max(best, 1), len(sums) - 2)
+        slope, bend = sums[middle + 1] - sums[middle - 1], sums[middle - 1] - 2.0 * sums[middle] + sums[middle + 1]
+        if middle == best:
             delay, least = delay - 0.5 * _STEP * slope / bend, least - 0.125 * slope**2 / bend
         is_late = least < _BETTER * sums[_NONE] and sums[_NONE] - least > _ENOUGH
         self._found = self._found + 1 if is_late else 0
         self.delay = delay if self._found >= _PROOF and abs(delay) > _LEAST else 0.0
         self._remains = _LATELY if self.delay else max(self._remains - 1, 0)
+        self._estimate, self._variance = 0.0, math.inf
+        if bend > 0.0:  # one degree of freedom for each window, because they overlap
+            self._estimate = float(SHIFTS[middle]) - 0.5 * _STEP * slope / bend
+            self._variance = 2.0 * _STEP**2 * max(least, 0.0) / (bend * self.windows) + _OFFSET_SD**2
 
 
 @kernel

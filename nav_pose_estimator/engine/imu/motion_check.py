@@ -84,6 +84,7 @@ class MotionCheck:
         self._positions: deque[tuple[float, float, float]] = deque(maxlen=400)
         self.heading.forget()
         self.agreement.forget_time()
+        self.latency.forget_time()
         self.body.forget_time()
 
     def velocity(self, t: float, used: Vector3 | None, received: Vector3) -> None:

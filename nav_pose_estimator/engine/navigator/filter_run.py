@@ -138,6 +138,7 @@ class FilterRun:
             self.noise,
             (vibration.rate_noise, vibration.force_noise),
             self.gnss.reception.lasting,
+            self.imu_physics.motion.latency,
         )
         keep_blocks(constants, self.timeline.filter.constants)
         self.timeline.filter.set_constants(constants)

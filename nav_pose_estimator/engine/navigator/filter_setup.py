@@ -20,7 +20,8 @@ from nav_pose_estimator.core.filter.constants import make_constants
 from nav_pose_estimator.core.filter.gate import chi_square_quantile
 from nav_pose_estimator.core.filter.layout import DPOS
 from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
-from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.imu.latency_monitor import LatencyMonitor
+from nav_pose_estimator.engine.parameters import GnssParameters, Parameters
 from nav_pose_estimator.engine.sensors.gnss import lasting_error
 
 MOST_ROWS = 8
@@ -32,12 +33,14 @@ def constants(
     identified: NoiseIdentification,
     vibration: tuple[float, float] = (0.0, 0.0),
     lasting: lasting_error.LastingPosition | None = None,
+    latency: LatencyMonitor | None = None,
 ) -> np.ndarray:
     """The vector of filter constants (``core.filter.layout``).
 
     ``identified``: noise identified in flight; ``vibration`` [rad/s/sqrt(Hz), m/s^2/sqrt(Hz)]: additional noise of
-    gyroscope and accelerometer; ``lasting``: the correlated part of the position errors that the receiver states. The
-    driving noise of the gyroscope bias is the smallest one if it is learned in flight, where ``bias_noise`` adds to it.
+    gyroscope and accelerometer; ``lasting``: the correlated part of the position errors that the receiver states;
+    ``latency``: what motion has shown of the latency of GNSS. The driving noise of the gyroscope bias is the smallest
+    one if it is learned in flight, where ``bias_noise`` adds to it.
     """
     noise = math.sqrt(identified.imu_variance)
     imu, navigator = parameters.imu, parameters.navigator
@@ -54,6 +57,7 @@ def constants(
         gap_rate_sd=navigator.gap_rate_sd,
         gap_accel_sd=navigator.gap_force_sd,
         point_sampled=imu.sampling == "point",
+        gnss_delay_sd=_delay_sd(parameters.gnss, latency or LatencyMonitor()),
         blocks=_blocks(parameters, identified, lasting),
     )
 
@@ -79,6 +83,11 @@ def complete_start(start: Alignment, constants: np.ndarray, parameters: Paramete
             P[DPOS + i, DPOS + i] += errors[i, i]
             P[DPOS + i, begin + i] = P[begin + i, DPOS + i] = errors[i, i]
     return nav, P
+
+
+def _delay_sd(gnss: GnssParameters, latency: LatencyMonitor) -> float:
+    """Deviation of the latency of GNSS [s]; a latency that has been measured counts as known."""
+    return latency.rms(gnss.delay_sd) if gnss.delay == 0.0 else 0.0
 
 
 def _blocks(

@@ -156,8 +156,7 @@ def _look_at_imu(run: FilterRun, t: float, end: float) -> None:
     bias = run.timeline.filter.nav[at.GYRO_BIAS : at.GYRO_BIAS + 3] if run.timeline.running else None
     if run.timeline.running:
         run.imu_physics.heading.attitude(round(end), run.timeline.filter.nav[at.QUAT : at.GYRO_BIAS].copy())
-    vibration = run.imu_physics.vibration
-    shaken = vibration.force_noise, vibration.rate_noise
+    before = _shown_by(run.imu_physics)
     is_aided = run.aiding.gnss_is_good(run.now)
     doubt = run.imu_physics.look(end, rows, bias, run.journal, stamp_ns, is_aided)
     if run.timeline.running:
@@ -174,7 +173,7 @@ def _look_at_imu(run: FilterRun, t: float, end: float) -> None:
         monitors.latency.found(0.0 if is_noisy else motion.latency.delay, run.parameters.gnss.delay, stamp_ns)
     if run.imu_physics.heading.error and run.timeline.running:
         _turn_heading(run, stamp_ns)
-    if run.timeline.running and (vibration.force_noise, vibration.rate_noise) != shaken:
+    if run.timeline.running and _shown_by(run.imu_physics) != before:
         run.renew_constants()
     refusal = run.imu_physics.refusal
     if refusal or doubt is not None:
@@ -188,6 +187,11 @@ def _look_at_imu(run: FilterRun, t: float, end: float) -> None:
             run.observe(run.imu_doubt.observe(doubt, run.timeline.filter.time, stamp_ns))
     else:
         _doubt_unaided(run, doubt, refusal)
+
+
+def _shown_by(imu: physics.ImuPhysics) -> tuple[float, ...]:
+    """What the comparisons of the IMU contribute to the filter's constants."""
+    return imu.vibration.force_noise, imu.vibration.rate_noise, imu.motion.latency.windows
 
 
 def _turn_heading(run: FilterRun, stamp_ns: int) -> None:

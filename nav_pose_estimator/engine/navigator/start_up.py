@@ -18,6 +18,7 @@ from nav_pose_estimator.core.filter import bias_noise, measurements
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.blocks import state_count
 from nav_pose_estimator.core.filter.kalman import correct, gated_correct
+from nav_pose_estimator.core.filter.strapdown import note_gnss
 from nav_pose_estimator.core.filter.vertical_channel import gated_height
 from nav_pose_estimator.core.gnss import unfelt_change
 from nav_pose_estimator.core.numerics.deep_copy import deep_copy, own_dictionary
@@ -241,4 +242,5 @@ def warm_up(constants: np.ndarray) -> None:
     CompassSwing(1.0).add(to_body, field, 1.0)
     bias_noise.begin(nav, constants)
     bias_noise.observe(nav, P)
+    note_gnss(nav)
     bias_noise.overstatement(nav)

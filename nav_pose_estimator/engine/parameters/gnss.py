@@ -69,6 +69,14 @@ class GnssParameters:
     """Latency, antenna and noise of the receiver."""
 
     delay: float = param(0.0, "s", "Stamp minus time of validity of a fix", -1.0, 1.0)
+    delay_sd: float = param(
+        0.2,
+        "s",
+        "Deviation of the latency while delay is 0, that is, not measured; motion reduces it. 0: the stamps are right",
+        0.0,
+        1.0,
+        mutable=True,
+    )
     lever_arm: tuple[float, ...] = param((0.0, 0.0, 0.0), "m", "From the IMU to the antenna, body frame", -50.0, 50.0)
     position_sd: float = param(1.5, "m", "Lower bound on the horizontal deviation of a fix", 0.001, 100.0, mutable=True)
     vertical_sd: float = param(2.5, "m", "Lower bound on the vertical deviation of a fix", 0.001, 100.0, mutable=True)

@@ -11,6 +11,7 @@ from nav_pose_estimator.core.earth.atmosphere import height_pressure, pressure_h
 from nav_pose_estimator.core.earth.ellipsoid import gravity
 from nav_pose_estimator.core.filter import measurements
 from nav_pose_estimator.core.filter.blocks import DEPTH, Block, GaussMarkov
+from nav_pose_estimator.core.filter.kalman import REJECTED
 from nav_pose_estimator.core.filter.layout import ALT, DPOS, LAT
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import GATED, LEFT_OUT, Decision, FilterView, Kind, Observation, Use
@@ -39,6 +40,7 @@ _SHORTEST_PERIOD = 0.01  # s: floor of the period with which the offset is learn
 _NEWEST = 0.2  # weight of the newest innovation in the running mean without GNSS
 _STRAYS = 1.2  # deviations of a height above which that mean shows that barometer or filter is wrong ...
 _EITHER = 1.5  # ... and standard deviation of the height then, relative to the largest mean
+_MOVED = 0.5  # ... and relative to the distance by which it has moved the height against the IMU
 
 
 def standard_height(pressure: float) -> float:
@@ -74,6 +76,7 @@ class Barometer(Aid):
         self._apart_since = math.inf
         self._contradicts, self._apart = False, 0.0  # m above its reference, at the last height
         self._frozen, self._lasting = Frozen(), 0.0
+        self._moved = 0.0  # m: sum of its corrections of the height since GNSS was good
         self.least_sd = 0.0
         """m: floor of the height's standard deviation until GNSS is good."""
 
@@ -120,11 +123,17 @@ class Barometer(Aid):
     def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
         """Count the outcome, and update the running mean of the innovation [m], estimate minus measurement.
 
-        A large mean stays as a doubt about the height: the filter follows the barometer, which may be wrong.
+        A large mean stays as a doubt about the height: the filter follows the barometer, which may be wrong, and may go
+        on drifting.
         """
-        self._lasting += _NEWEST * (float(z[0]) - self._lasting)
+        innovation = float(z[0])
+        self._lasting += _NEWEST * (innovation - self._lasting)
+        if status != REJECTED and nis > 0.0:
+            self._moved -= innovation - float(self._R[0, 0]) * nis / innovation  # the gain is 1 - R / S, nis = z^2 / S
         if abs(self._lasting) > _STRAYS * self._sd:
             self.least_sd = max(self.least_sd, _EITHER * abs(self._lasting))
+        if self.least_sd > 0.0:
+            self.least_sd = max(self.least_sd, _MOVED * abs(self._moved))
         super().note(o, f, z, status, nis)
 
     @property
@@ -184,7 +193,7 @@ class Barometer(Aid):
 
     def learn(self, o: Observation, height: float, variance: float) -> None:
         """Learn the offset from ``o`` and the filter's ``height`` [m] of ``variance`` [m^2] while GNSS is good."""
-        self.offset_variance, self._lasting, self.least_sd = variance, 0.0, 0.0
+        self.offset_variance, self._lasting, self._moved, self.least_sd = variance, 0.0, 0.0, 0.0
         difference = o.measured - height
         if math.isfinite(self._offset):
             self._watch(o, difference - self._offset)

@@ -12,6 +12,7 @@ from nav_pose_estimator.core.earth.ellipsoid import radii
 from nav_pose_estimator.core.filter import bias_noise, measurements
 from nav_pose_estimator.core.filter.kalman import ACCEPTED
 from nav_pose_estimator.core.filter.layout import ALT, DPOS, VEL
+from nav_pose_estimator.core.filter.strapdown import note_gnss
 from nav_pose_estimator.core.gnss import height_reference
 from nav_pose_estimator.core.gnss.height_reference import HeightReference
 from nav_pose_estimator.core.gnss.reacquisition import Reacquisition, ReacquisitionSettings
@@ -32,6 +33,8 @@ from nav_pose_estimator.engine.sensors.gnss.pull import Pull
 from nav_pose_estimator.engine.sensors.gnss.reception import GnssReception
 from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import StatedAccuracy
 from nav_pose_estimator.engine.sensors.gnss.velocity import GnssVelocitySensor
+from nav_pose_estimator.engine.sensors.gnss.velocity_input import VelocityInput
+from nav_pose_estimator.engine.sensors.gnss.velocity_report import DoubtReport
 from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
 from nav_pose_estimator.engine.solutions import Level
 
@@ -74,6 +77,7 @@ class GnssPositionSensor(Sensor):
         self.pull = Pull(journal, parameters.gnss.reacquisition.probation)
         self.monitors = PositionMonitors(journal, reception.rounding, reception.scatter)
         self.abandons_origin = False  # whether the start, and with it the origin, was far from the true position
+        self._doubt_report = DoubtReport(journal)
         self._velocity_sigmas = 0.0  # Mahalanobis distance of the velocity at the last fix
         self.gate_radius = math.nan  # m: largest horizontal innovation of an expected fix
 
@@ -126,6 +130,7 @@ class GnssPositionSensor(Sensor):
     def doubt(self, t: float) -> str:
         """Why the position at ``t`` [s] is less certain than usual, one clause for the user; empty where it is not."""
         reason = self.jump.reason(t) or self.contradiction.reason(t) or self.monitors.reason() or self.pull.reason()
+        reason = reason or _unknown_height(self.reception.velocities)
         if reason or not self._aiding.gnss_is_good(t):
             return reason
         return self.velocity.doubt.lately(t)
@@ -136,11 +141,7 @@ class GnssPositionSensor(Sensor):
         doubt = self.velocity.doubt
         was = doubt.reason
         factor = doubt.position(o.t, distance(z, H, f.P, R[:, :2]), z.tolist())
-        if doubt.reason and not was:
-            text = f"the navigator is in doubt: {doubt.reason}; its sigma grows until they agree"
-            self._journal.say(o.stamp_ns, "doubt.begun", Level.WARN, text)
-        elif was and not doubt.reason:
-            self._journal.say(o.stamp_ns, "doubt.ended", Level.INFO, "navigator and GNSS agree again")
+        self._doubt_report.note(o.t, o.stamp_ns, was, doubt.reason, self.monitors.latency.reason())
         return factor
 
     def _guard_decision(self, o: Observation, f: FilterView) -> Decision:
@@ -250,9 +251,10 @@ class GnssPositionSensor(Sensor):
         self.reception.use(o.t, with_height=len(z) == 3)
 
     def settle(self, o: Observation, f: FilterView) -> None:
-        """Update the identification of the gyroscope bias's noise while GNSS is good."""
+        """Identify the gyroscope bias's noise, and keep the velocity, while GNSS is good."""
         if self._aiding.gnss_is_good(o.t):
             bias_noise.observe(f.nav, f.P)
+            note_gnss(f.nav)
 
     def decide_return(self, accept: bool) -> bool:
         """The operator's decision on a held return, or on a change that no force explains; False without either."""
@@ -262,6 +264,13 @@ class GnssPositionSensor(Sensor):
 def _speed(f: FilterView) -> float:
     """Horizontal speed over ground [m/s]."""
     return math.hypot(f.nav[VEL], f.nav[VEL + 1])
+
+
+def _unknown_height(velocities: VelocityInput) -> str:
+    """Why there is no true height, one clause for the user; empty where there is one."""
+    if not velocities.height_fault or math.isfinite(velocities.pressure_altitude):
+        return ""
+    return f"the height of GNSS is {velocities.height_fault}, and no barometer gives another"
 
 
 def local(

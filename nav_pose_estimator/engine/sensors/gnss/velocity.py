@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from nav_pose_estimator.core.filter import bias_noise, measurements
+from nav_pose_estimator.core.filter.strapdown import note_gnss
 from nav_pose_estimator.core.gnss.doubt import Doubt
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import GATED, LEFT_OUT, Decision, FilterView, Kind, Observation
@@ -131,9 +132,10 @@ class GnssVelocitySensor(Sensor):
         self.misfit = Misfit(o.t, z.tolist(), R, o.measured)
 
     def settle(self, o: Observation, f: FilterView) -> None:
-        """Update the identification of the gyroscope bias's noise while GNSS is good."""
+        """Identify the gyroscope bias's noise, and keep the velocity, while GNSS is good."""
         if self._aiding.gnss_is_good(o.t):
             bias_noise.observe(f.nav, f.P)
+            note_gnss(f.nav)
 
 
 def rows_of(o: Observation) -> int:

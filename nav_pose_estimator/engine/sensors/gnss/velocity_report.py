@@ -45,6 +45,8 @@ _RADIANS = "they hardly move: latitude and longitude look like radians where deg
 _FROZEN = "they hardly move: the receiver is frozen, or its positions are not this vehicle's"
 _QUARTER, _HALF = math.radians(90.0), math.radians(180.0)
 
+_SAME_DOUBT = 60.0  # s after a doubt in which another one is no news
+
 
 class VelocityReport:
     """Reports each finding once."""
@@ -85,7 +87,8 @@ class VelocityReport:
         fault, new = check.climb.height_fault, False
         if fault and fault != self._height:
             self._height, new = fault, True
-            text = f"GNSS height not used: by the barometer it is {fault}"
+            standard = "barometer" if math.isfinite(check.climb.baro) else "receiver's vertical velocity"
+            text = f"GNSS height not used: by the {standard} it is {fault}"
             self._journal.say(stamp_ns, "gnss.height.unit", Level.ERROR, text)
         fault = check.climb.fault
         if fault and fault != self._vertical:
@@ -130,6 +133,36 @@ class VelocityReport:
             text = f"GNSS positions not used: the IMU confirms the velocity as it is received: {fault}"
             self._journal.say(stamp_ns, "gnss.position.axes", Level.ERROR, text)
         return fault
+
+
+class DoubtReport:
+    """Events of the doubt between navigator and GNSS. One that comes back within a minute is counted only: the status
+    shows it, and it has the same cause."""
+
+    def __init__(self, journal: Journal) -> None:
+        self._journal = journal
+        self._ended, self._is_news = -math.inf, True  # s: end of the last doubt; whether the present one is told
+
+    def note(self, t: float, stamp_ns: int, before: str, now: str, cause: str) -> None:
+        """Report the reason ``now`` of the doubt at ``t`` [s], which was ``before``; ``cause``: a clause, or empty."""
+        if now and not before:
+            self._is_news = t - self._ended > _SAME_DOUBT
+            likely = f" (likely cause: {cause})" if cause else ""
+            self._tell(
+                stamp_ns,
+                "begun",
+                Level.WARN,
+                f"the navigator is in doubt: {now}{likely}; its sigma grows until they agree",
+            )
+        elif before and not now:
+            self._ended = t
+            self._tell(stamp_ns, "ended", Level.INFO, "navigator and GNSS agree again")
+
+    def _tell(self, stamp_ns: int, what: str, level: Level, text: str) -> None:
+        if self._is_news:
+            self._journal.say(stamp_ns, f"doubt.{what}", level, text)
+        else:
+            self._journal.count(f"doubt.{what}")
 
 
 def _in_words(name: str) -> str:
