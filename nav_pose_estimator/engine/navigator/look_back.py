@@ -18,11 +18,13 @@ from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.modes import DENIED
 from nav_pose_estimator.engine.samples import BodyVelocity
 from nav_pose_estimator.engine.sensors.body_velocity import BodyVelocitySensor
+from nav_pose_estimator.engine.solutions import Level
 
 _GROUNDED = 1.0  # m/s
 _OFF_FOR = 4.0  # s over which the median innovation of positions is taken
 _OFF_SDS, _OFF = 2.4, 3.6
 """Deviations of a fix, and metres, by which that median must exceed chance; recorded flights: 3.1 m, 4.5 m in loops."""
+_SURE_SDS = 2.0  # horizontal deviations by which the navigator must have moved away from a repeated position
 _LATELY = 2.0  # s: velocities of this time judge how much a second shows of the gyroscope
 _ROWS = 1.5 * noise_identification.PERIOD  # s: the last second began with the row before it
 
@@ -51,6 +53,8 @@ def _look_at_motion(run: FilterRun) -> None:
     run.gnss.reception.velocity_scatter.second(run.clock.stamp(t))
     if is_aided:
         _doubt_the_position(run, t)
+        if not rests:
+            _doubt_repeated_fixes(run, t)
     _doubt_the_body_velocity(run, t, is_aided)
     _watch_the_gyroscope(run, t, is_aided)
     if run.parameters.imu.learn_noise:
@@ -94,6 +98,23 @@ def _doubt_the_position(run: FilterRun, t: float) -> None:
     off = run.gnss.position.record.lasting(_OFF_FOR)
     if off > max(_OFF_SDS * run.parameters.gnss.position_sd, _OFF):
         run.observe(run.imu_doubt.observe(Doubt(0.0, 0.0, position=off), t, run.clock.stamp(t)))
+
+
+def _doubt_repeated_fixes(run: FilterRun, t: float) -> None:
+    """Find a stuck receiver by a navigator that moves away from a position which repeats to the last digit.
+
+    The filter has been drawn to that position, so the last seconds are computed again without it.
+    """
+    reception, P = run.gnss.reception, run.timeline.filter.P
+    count = reception.repeats.count(t, reception.velocities)
+    if not count:
+        return
+    moved = run.gnss.position.record.change(count)
+    sure = moved > _SURE_SDS * math.sqrt(float(P[at.DPOS, at.DPOS] + P[at.DPOS + 1, at.DPOS + 1]))
+    if sure and reception.repeats.find_stuck(moved, reception.rounding.step):
+        text = f"GNSS repeats a position to the last digit while the vehicle has moved {moved:.0f} m: it is stuck"
+        run.journal.say(run.clock.stamp(t), "gnss.stuck", Level.WARN, text, moved_m=moved)
+        reception.velocities.misled = True
 
 
 def _doubt_the_body_velocity(run: FilterRun, t: float, is_aided: bool) -> None:
