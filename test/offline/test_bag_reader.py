@@ -268,6 +268,8 @@ def test_what_is_no_bag_is_one_sentence(tmp_path, name, content):
         BagReader(path)
     assert "\n" not in str(caught.value)
     assert name in str(caught.value)
+    if name == "flight.txt":
+        assert "neither a rosbag2 (folder, .mcap, .db3) nor a PX4 or ArduPilot log" in str(caught.value)
 
 
 def test_a_missing_path_an_empty_folder_and_a_lost_file_are_one_sentence(tmp_path, mcap_bag):

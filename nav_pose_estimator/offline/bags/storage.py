@@ -212,7 +212,7 @@ def _storage_of(path: Path) -> type[AnyFile]:
         if head.startswith(magic):
             return storage
     if path.suffix not in STORAGES:
-        raise BagError(f"{path} is not a rosbag2: give a bag folder, a .mcap or a .db3 file")
+        raise BagError(f"{path} is neither a rosbag2 (folder, .mcap, .db3) nor a PX4 or ArduPilot log")
     if not head:
         raise BagError(f"{path} is empty")
     return STORAGES[path.suffix]
