@@ -71,11 +71,12 @@ def test_the_past_is_computed_again_in_order_of_arrival() -> None:
     assert UNDONE in {name for _, name, _ in assert_same(flight)["events"]}
 
 
-def test_a_stuck_receiver_is_undone_in_order_of_arrival() -> None:
+@pytest.mark.parametrize("scenario", ["multirotor_light", "fixed_wing"])
+def test_a_stuck_receiver_is_undone_in_order_of_arrival(scenario: str) -> None:
     """GIVEN a receiver that repeats its last fix while no velocity comes WHEN the navigator's motion shows it
     THEN the last seconds are computed again, at the same time in long blocks."""
     faults = Freeze(GnssFix, 50.0, 20.0), Stop(GnssVelocity, 50.0, 20.0)
-    flight = list(simulated(duration=75.0).with_faults(*faults).samples())
+    flight = list(simulated(scenario, 75.0).with_faults(*faults).samples())
     names = {name for _, name, _ in assert_same(flight)["events"]}
     assert {"gnss.stuck", UNDONE} <= names
 

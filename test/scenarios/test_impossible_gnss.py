@@ -300,6 +300,17 @@ def test_a_stuck_receiver_is_found_without_velocities_and_undone(with_velocity: 
     assert told.modes[-1] is Mode.AIDED
 
 
+def test_a_stuck_receiver_of_a_fast_vehicle_is_no_return() -> None:
+    """GIVEN a fixed wing, which has left a repeated position so soon that its fixes are refused as contradictions
+    THEN the navigator is not reset to that position seconds later, and sigma covers the error."""
+    told = tell(flight("fixed_wing", 100.0), *freeze(60.0, 30.0, True), learner__method="coast")
+    found = told.when("gnss.stuck")
+    assert 62.0 < found[0] < 66.0
+    after = told.between(found[0] + 0.5, 90.0)
+    assert np.all(told.off[after] < 3.0 * told.sigma[after])
+    assert told.modes[-1] is Mode.AIDED
+
+
 def test_a_position_that_repeats_at_rest_is_used() -> None:
     """GIVEN a vehicle at rest whose receiver holds its position, without velocities THEN it is no fault."""
     told = tell(flight("at_rest", 60.0), *freeze(20.0, 30.0, with_velocity=False))

@@ -143,6 +143,11 @@ class Repeats:
         """Latitude and longitude [rad] at which the receiver was found stuck; empty without."""
         self.was_there = False
 
+    @property
+    def place(self) -> np.ndarray:
+        """Latitude, longitude [rad] and height [m] (3,) of the last fix."""
+        return self._state[_PLACE : _PLACE + 3]
+
     def count(self, t: float, velocities: VelocityInput) -> int:
         """How often latitude and longitude have repeated, for a while; 0 where velocities show whether that is right.
 
@@ -157,7 +162,7 @@ class Repeats:
 
         It is refused until it changes. ``step`` [m]: grid of rounded positions, 0 without.
         """
-        place = tuple(self._state[_PLACE : _PLACE + 2].tolist())
+        place = tuple(self.place[:2].tolist())
         if moved <= max(_LEFT, CELLS * step) or place == self.stuck_at:
             return False
         self.stuck_at, self.was_there = place, True
