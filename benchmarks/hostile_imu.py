@@ -2,7 +2,7 @@
 
 Size, rate, axis and start of the fault are random for each flight, and so are vehicle and seed.
 
-tools/in_environment.sh python benchmarks/hostile_imu.py --kinds "gyro ramp" "baro frozen" --draws 3
+tools/in_environment.sh python benchmarks/hostile_imu.py --kinds "gyro ramp" "baro frozen, outage" --draws 3
 """
 
 import argparse
@@ -287,6 +287,26 @@ def baro_wash(flight: Flight) -> Samples:
         yield sample
 
 
+def gnss_stuck(flight: Flight) -> Samples:
+    """The receiver, or its driver, repeats its last fix with fresh stamps, and velocities end."""
+    begin = flight.begin()
+    stops = faults.Freeze(GnssFix, begin, math.inf), faults.Stop(GnssVelocity, begin, math.inf)
+    return flight.recording.with_faults(*stops).samples()
+
+
+def gyro_dead(flight: Flight) -> Samples:
+    """The gyroscope repeats its last value from 10 to 40 s on, the accelerometer goes on."""
+    begin, last = flight.rng.uniform(10.0, 40.0), np.zeros(3)
+
+    def change(t: np.ndarray, b: ImuBlock) -> ImuBlock:
+        live = t < begin
+        if live.any():
+            last[:] = b.gyro[live][-1]
+        return replace(b, gyro=np.where(live[:, None], b.gyro, last))
+
+    return on_imu(flight, change)
+
+
 def with_body_velocity(
     flight: Flight, change: Callable[[float, np.ndarray, np.ndarray], np.ndarray], late: float = 0.0
 ) -> Samples:
@@ -368,6 +388,8 @@ KINDS: dict[str, tuple[Callable[[Flight], Samples], bool]] = {
     "height in feet, no baro": (height_in_feet_no_baro, False),
     "baro weather, outage": (baro_weather, True),
     "baro airflow, outage": (baro_wash, True),
+    "GNSS stuck": (gnss_stuck, False),
+    "gyro dead": (gyro_dead, True),
 }
 """Faults by name, and whether there is a GNSS outage."""
 

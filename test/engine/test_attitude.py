@@ -200,6 +200,16 @@ def test_a_finite_but_absurd_sample_does_not_poison_the_filter(method: str, absu
 
 
 @pytest.mark.parametrize("method", METHODS)
+def test_a_field_of_another_clock_is_told(method: str) -> None:
+    """GIVEN a magnetometer whose stamps count from its start WHEN it is refused THEN a sentence says by how much."""
+    subject = engine(method)
+    subject.feed(at_rest((1.0, 0.0, 0.0, 0.0), 3.0))
+    (event,) = subject.feed(MagSample(1_000_000_000, (0.0, 2e-5, -4e-5)))
+    assert event.name == "mag.rejected.stale"
+    assert "-3.0 s from the IMU's time" in event.text
+
+
+@pytest.mark.parametrize("method", METHODS)
 def test_an_absurd_field_in_an_array_is_left_out(method: str) -> None:
     block = at_rest((1.0, 0.0, 0.0, 0.0), 3.0)
     t = (block.stamps_ns - block.stamps_ns[0]) * 1e-9

@@ -40,6 +40,20 @@ def test_an_axis_that_stays_while_the_others_move_is_a_doubt(column: int, sensor
     assert doubted(rows)[1 - sensor] == 0.0
 
 
+@pytest.mark.parametrize(
+    ("columns", "lasting"), [([1, 2, 3], True), ([4, 5, 6], False), ([1, 2, 3, 4, 5, 6], False)],
+    ids=["gyroscope", "accelerometer", "both, as in a simulation at rest"],
+)  # fmt: skip
+def test_a_dead_gyroscope_is_doubted_with_gnss_too(columns: list[int], lasting: bool) -> None:
+    """GIVEN a sensor that repeats one value THEN GNSS does not remove the doubt about a gyroscope: heading is lost."""
+    meter, rows = DoubtMeter(), second(1)
+    meter.measure(second(0))
+    rows[20:, columns] = rows[20, columns]
+    doubt = meter.measure(rows)
+    assert doubt is not None
+    assert doubt.lasting is lasting
+
+
 def test_an_axis_that_stays_for_a_moment_is_none() -> None:
     rows = second(1)
     rows[20:60, 2] = rows[20, 2]

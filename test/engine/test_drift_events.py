@@ -5,8 +5,8 @@ import numpy as np
 from nav_pose_estimator.core.gnss.spoof_drift import WalkOff
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import Kind, Observation
+from nav_pose_estimator.engine.sensors.gnss.digits import Rounding
 from nav_pose_estimator.engine.sensors.gnss.position_monitors import PositionMonitors
-from nav_pose_estimator.engine.sensors.gnss.rounding import Rounding
 from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import Scatter
 
 PERIOD, SCATTER = 0.2, 8.0  # s, m

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from nav_pose_estimator.engine.journal import Journal
-from nav_pose_estimator.engine.sensors.gnss.rounding import Rounding
+from nav_pose_estimator.engine.sensors.gnss.digits import Rounding
 
 HOME = (47.3977419, 8.5455937)  # deg
 

@@ -16,7 +16,9 @@ from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, S
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.solutions import Event, Mode, NavBlock, NavSolution, Output
 from nav_pose_estimator.offline.benchmarks.speed.plain_flight import full_set, samples
+from nav_pose_estimator.sim.faults import Freeze, Stop
 from pieces import one_by_one
+from told import flight as simulated
 
 START = 10**18
 
@@ -67,6 +69,16 @@ def test_the_past_is_computed_again_in_order_of_arrival() -> None:
             sample = replace(sample, vel_enu=(north, east, -up))
         flight.append(sample)
     assert UNDONE in {name for _, name, _ in assert_same(flight)["events"]}
+
+
+@pytest.mark.parametrize("scenario", ["multirotor_light", "fixed_wing"])
+def test_a_stuck_receiver_is_undone_in_order_of_arrival(scenario: str) -> None:
+    """GIVEN a receiver that repeats its last fix while no velocity comes WHEN the navigator's motion shows it
+    THEN the last seconds are computed again, at the same time in long blocks."""
+    faults = Freeze(GnssFix, 50.0, 20.0), Stop(GnssVelocity, 50.0, 20.0)
+    flight = list(simulated(scenario, 75.0).with_faults(*faults).samples())
+    names = {name for _, name, _ in assert_same(flight)["events"]}
+    assert {"gnss.stuck", UNDONE} <= names
 
 
 def test_a_gap_without_gnss() -> None:

@@ -249,14 +249,6 @@ def test_a_damaged_database_gives_what_can_be_read(tmp_path):
         assert all(isinstance(s, ImuBlock) or s.stamp_ns is None or s.stamp_ns >= EPOCH_NS for s in samples)
 
 
-def test_a_truncated_database_is_one_sentence(tmp_path):
-    bag = write_bag(tmp_path / "bag", flight(20.0), storage=StoragePlugin.SQLITE3)
-    path = bag / "bag.db3"
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    with pytest.raises(BagError, match=r"bag\.db3"):
-        BagReader(bag)
-
-
 @pytest.mark.parametrize(
     ("name", "content"),
     [("empty.mcap", b""), ("text.mcap", b"no mcap at all"), ("text.db3", b"no database" * 100), ("flight.txt", b"x")],
@@ -268,6 +260,8 @@ def test_what_is_no_bag_is_one_sentence(tmp_path, name, content):
         BagReader(path)
     assert "\n" not in str(caught.value)
     assert name in str(caught.value)
+    if name == "flight.txt":
+        assert "neither a rosbag2 (folder, .mcap, .db3) nor a PX4 or ArduPilot log" in str(caught.value)
 
 
 def test_a_missing_path_an_empty_folder_and_a_lost_file_are_one_sentence(tmp_path, mcap_bag):

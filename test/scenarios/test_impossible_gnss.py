@@ -9,9 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, PressureSample, Sample, SatelliteCount
-from nav_pose_estimator.engine.solutions import Mode
-from nav_pose_estimator.sim.faults import Fault, Freeze, Redate, Shift
+from nav_pose_estimator.engine.samples import (
+    GnssFix,
+    GnssVelocity,
+    ImuBlock,
+    MagSample,
+    PressureSample,
+    Sample,
+    SatelliteCount,
+)
+from nav_pose_estimator.engine.solutions import Level, Mode
+from nav_pose_estimator.sim.faults import Fault, Freeze, Redate, Shift, Stop
 from nav_pose_estimator.sim.sensors import Timed
 from told import Told, flight, tell
 
@@ -266,3 +274,106 @@ def test_a_velocity_in_another_unit_is_named_and_not_used(numbers: float, unit: 
     assert late.any()
     assert np.mean(told.off[late] < 3.0 * told.sigma[late]) > 0.97
     assert told.off[late].max() < 6.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"), [(MagSample, "magnetic_heading"), (PressureSample, "height"), (MagSample, "mag")]
+)
+@pytest.mark.parametrize(
+    ("seconds", "words"), [(-1.6e9, "these count from the start of a board"), (7200.0, "a time zone")]
+)
+def test_an_aid_with_stamps_of_another_clock_is_named(kind: type, name: str, seconds: float, words: str) -> None:
+    """GIVEN a magnetometer or barometer with stamps of another clock THEN it is not used, and why is said."""
+    faults = (Stop(GnssFix, 40.0, 20.0),) if name == "magnetic_heading" else ()  # it aids the filter in outages only
+    told = tell(flight(duration=60.0), Redate(kind, seconds=seconds), *faults)
+    which = "future" if seconds > 0.0 else "late"
+    event = told.event(f"{name}.rejected.{which}")
+    assert event.level is Level.WARN
+    assert words in event.text
+
+
+def freeze(start: float, length: float, with_velocity: bool) -> tuple[Fault, ...]:
+    """A receiver that repeats its last fix, with or without velocities before; none come meanwhile."""
+    silent = Stop(GnssVelocity, start, length) if with_velocity else Stop(GnssVelocity, 0.0, 1e3)
+    return Freeze(GnssFix, start, length), silent
+
+
+@pytest.mark.parametrize("with_velocity", [True, False])
+def test_a_stuck_receiver_is_found_without_velocities_and_undone(with_velocity: bool) -> None:
+    """GIVEN a flight WHEN fixes repeat to the last digit, with fresh stamps and without a velocity that could tell
+    THEN the navigator's own motion tells, the pose is as if they had never come, and they are used once they change."""
+    told = tell(flight(), *freeze(50.0, 30.0, with_velocity), learner__method="coast")
+    found = told.when("gnss.stuck")
+    assert 52.0 < found[0] < 60.0
+    assert len(found) == 1
+    assert "moved" in told.event("gnss.stuck").text
+    assert told.count("gnss.velocity.undone") == 1
+    assert Mode.AIDED not in told.modes_between(found[0] + 0.5, 79.0)
+    after = told.between(found[0] + 0.5, 80.0)
+    assert np.all(told.off[after] < 3.0 * told.sigma[after])
+    assert told.modes[-1] is Mode.AIDED
+
+
+def test_a_stuck_receiver_of_a_fast_vehicle_is_no_return() -> None:
+    """GIVEN a fixed wing, which has left a repeated position so soon that its fixes are refused as contradictions
+    THEN the navigator is not reset to that position seconds later, and sigma covers the error."""
+    told = tell(flight("fixed_wing", 100.0), *freeze(60.0, 30.0, True), learner__method="coast")
+    found = told.when("gnss.stuck")
+    assert 62.0 < found[0] < 66.0
+    after = told.between(found[0] + 0.5, 90.0)
+    assert np.all(told.off[after] < 3.0 * told.sigma[after])
+    assert told.modes[-1] is Mode.AIDED
+
+
+def test_a_position_that_repeats_at_rest_is_used() -> None:
+    """GIVEN a vehicle at rest whose receiver holds its position, without velocities THEN it is no fault."""
+    told = tell(flight("at_rest", 60.0), *freeze(20.0, 30.0, with_velocity=False))
+    assert told.when("gnss.stuck") == []
+    assert told.count("gnss.rejected.stuck") == 0
+    assert told.modes_between(20.0, 60.0) == {Mode.AIDED}
+
+
+def test_fixes_of_one_hertz_published_several_times_are_used() -> None:
+    """GIVEN a driver that publishes each fix of a slow receiver five times, without velocities THEN it is not stuck."""
+    held: list[GnssFix] = []
+
+    def hold(fix: GnssFix, number: int) -> GnssFix:
+        if number % 5 == 0:
+            held[:] = [fix]
+        return replace(held[0], stamp_ns=fix.stamp_ns)
+
+    told = tell(flight(), Rewrite(GnssFix, change=hold), Stop(GnssVelocity, 0.0, 1e3))
+    assert told.count("gnss.rejected.stuck") == 0
+    assert told.modes_between(30.0, 120.0) == {Mode.AIDED}
+
+
+def field(change: Callable[[np.ndarray], np.ndarray]) -> Rewrite:
+    return Rewrite(MagSample, change=lambda m, _: replace(m, field=tuple(change(np.array(m.field)).tolist())))
+
+
+@pytest.mark.parametrize(
+    ("fault", "event", "words"),
+    [
+        (
+            Rewrite(PressureSample, change=lambda p, _: replace(p, pressure=0.0)),
+            "baro.rejected.unit",
+            "may not fill it",
+        ),
+        (field(lambda m: 0.0 * m), "mag.empty", "exactly zero"),
+        (field(lambda m: m / np.linalg.norm(m)), "mag.unit", "a direction without its strength"),
+    ],
+)
+def test_a_magnetometer_or_barometer_that_says_nothing_is_named(fault: Fault, event: str, words: str) -> None:
+    """GIVEN a field or pressure that the driver does not fill, or a normalised field THEN it is named, once."""
+    told = tell(flight(duration=60.0), fault)
+    assert words in told.event(event).text
+    assert len(told.when(event)) == 1
+    assert told.modes[-1] is Mode.AIDED
+
+
+def test_a_magnetometer_that_starts_with_zeros_is_no_fault() -> None:
+    """GIVEN a driver whose first fields are zero THEN they are not named, and later ones are checked."""
+    zeros = Rewrite(MagSample, 0.0, 1.0, lambda m, _: replace(m, field=(0.0, 0.0, 0.0)))
+    assert tell(flight(duration=30.0), zeros).when("mag.empty") == []
+    gauss = Rewrite(MagSample, 1.0, 1e3, lambda m, _: replace(m, field=tuple(1e4 * b for b in m.field)))
+    assert tell(flight(duration=30.0), zeros, gauss).when("mag.unit")

@@ -164,11 +164,28 @@ def test_positions_that_stay_while_the_vehicle_moves_are_stuck() -> None:
     assert told.modes[-1] is Mode.AIDED
 
 
-def test_a_position_in_integers_is_named() -> None:
-    """GIVEN degrees times 1e7 THEN there is no pose, and why is said."""
-    told = tell(base(), position(lambda f: replace(f, lat=1e7 * f.lat, lon=1e7 * f.lon)), learner__method="coast")
+def _nmea(angle: float) -> float:
+    """Degrees and minutes as ddmm.mm, taken for degrees."""
+    degrees, minutes = divmod(math.degrees(angle) * 60.0, 60.0)
+    return math.radians(100.0 * degrees + minutes)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda f: replace(f, lat=1e7 * f.lat, lon=1e7 * f.lon), "is it in degrees times 1e7?"),
+        (lambda f: replace(f, lat=_nmea(f.lat), lon=_nmea(f.lon)), "is it in NMEA's ddmm.mm?"),
+        (lambda f: replace(f, lat=f.lon + 2.4, lon=f.lat), "are latitude and longitude exchanged?"),
+        (lambda f: replace(f, lat=math.nan), "latitude or longitude is NaN or infinite"),
+        (lambda f: replace(f, alt=1000.0 * f.alt), "is it in mm?"),
+        (lambda f: replace(f, lat=math.radians(277.7)), "277.7000, 8.5456 deg is not a place on Earth"),
+    ],
+)
+def test_a_position_that_is_not_on_earth_is_named(change, words: str) -> None:
+    """GIVEN positions that cannot be THEN there is no pose, and the likely cause is said."""
+    told = tell(base(), position(change), learner__method="coast")
     assert told.last is None
-    assert "times 1e7" in told.event("gnss.rejected.value").text
+    assert words in told.event("gnss.rejected.value").text
 
 
 @pytest.mark.parametrize(("factor", "words"), [(3.2808, "in feet"), (-1.0, "positive down"), (100.0, "in cm")])

@@ -1,4 +1,4 @@
-"""Offset between the clocks of a receiver and the IMU, in words, with its likely cause."""
+"""Offset between the clocks of a sensor and the IMU, in words, with its likely cause."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ def _cause(ahead: float, stamp: float, reference: float) -> str:
     if abs(size - _WEEK_ROLLOVER) < 2.0 * _DAY:
         return "1024 weeks, a week number that rolled over in an old receiver"
     if min(stamp, reference) < _BOOT < max(stamp, reference):
-        whose = "the IMU's" if reference < stamp else "the receiver's"
-        return f"{whose} stamps count from the start of its board, the others are UTC"
+        from_boot, utc = ("the IMU's", "these") if reference < stamp else ("these", "the IMU's")
+        return f"{from_boot} count from the start of a board, {utc} are UTC"
     if any(abs(size - leap) < _LATENCY for leap in _LEAP_SECONDS):
         return "GPS time against UTC, the leap seconds" + ("" if ahead > 0.0 else " (taken off twice, or the IMU's)")
     half_hours = round(size / 1800.0)
     if 0 < half_hours <= 28 and abs(size - 1800.0 * half_hours) < 2.0:
         return "a time zone, local time against UTC"
     if size < 5.0:
-        return "clocks that are not synchronised, or IMU messages that come late"
+        return f"clocks that are not synchronised, or {'IMU messages' if ahead > 0.0 else 'messages'} that come late"
     return "clocks that are not synchronised"

@@ -43,7 +43,8 @@ class FieldInput:
         if memory.mag_ns is not None and stamp <= memory.mag_ns:
             return [Event(stamp, "mag.rejected.stamp")]
         if abs(stamp - memory.last_ns) > _STALE_NS:
-            return [Event(stamp, "mag.rejected.stale")]
+            text = f"a magnetic field is {(stamp - memory.last_ns) * 1e-9:+.1f} s from the IMU's time; not used"
+            return [Event(memory.last_ns, "mag.rejected.stale", Level.WARN, text)]
         memory.mag_ns = stamp
         self._kernels.add_magnetic_field(memory.state, *self._calibration.in_body(sample.field))
         return disturbance(stamp, memory)

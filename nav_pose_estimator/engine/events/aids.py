@@ -33,6 +33,11 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "the field, or attitude.hard_iron, is not in tesla; alignment does not use it",
             "publish tesla, as sensor_msgs/MagneticField demands; write attitude.hard_iron in tesla",
         ),
+        Entry(
+            "mag.empty",
+            "the field is exactly zero; it is not used",
+            "let the driver publish what the sensor measures, in tesla",
+        ),
         Entry("mag.heading.cause", "turns have shown what is wrong with the magnetic heading", "see the log line"),
         Entry("mag.heading.agrees", "the magnetic heading agrees with the motion again"),
         Entry("mag.ignored", "aids.magnetometer is false"),
@@ -49,7 +54,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("mag.rejected.stale", "a field half a second away from the IMU's time", CLOCKS),
         Entry(
             "baro.rejected.unit",
-            "a pressure that fits the GNSS height only in another unit than pascal",
+            "a pressure that no air has, or that fits the GNSS height only in another unit than pascal",
             "let the driver send pascal",
         ),
         Entry(
@@ -64,7 +69,6 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "restart the sensor or its driver; does the driver send old values again?",
         ),
         Entry("baro.frozen.ended", "the barometer's values change again"),
-        Entry("baro.rejected.value", "a pressure outside the atmospheric range", "check the unit: pascal, not hPa"),
         Entry(
             "depth.rejected.value",
             "an impossible water pressure",

@@ -23,6 +23,11 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             CLOCKS + "; the driver has to correct leap seconds and time zones",
         ),
         Entry(
+            "gnss.stuck",
+            "the position repeats to the last digit while the navigator moves away; it is refused until it changes",
+            "power-cycle the receiver; check what repeats its messages",
+        ),
+        Entry(
             "gnss.rejected.stuck",
             "the position repeats to the last digit while the vehicle moves",
             "power-cycle the receiver; check what repeats its messages",
@@ -193,8 +198,8 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry(
             "gnss.velocity.undone",
-            "the effect of wrong velocities on the pose is undone: the last seconds were computed again",
-            "see the gnss.velocity event before it",
+            "the effect of wrong measurements on the pose is undone: the last seconds were computed again",
+            "see the event before it",
         ),
         Entry(
             "gnss.velocity.late",
@@ -243,7 +248,11 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry("gnss.velocity.rejected.invalid", "PX4 reports the velocity as invalid", "wait for a better fix"),
         Entry("*.rejected.future", "a stamp more than 1 s ahead of the IMU's time", CLOCKS),
-        Entry("*.rejected.late", "a message older than navigator.memory", CLOCKS + ", or raise navigator.memory"),
+        Entry(
+            "*.rejected.late",
+            "a stamp of another clock, or a message older than navigator.memory",
+            CLOCKS + ", or raise navigator.memory",
+        ),
     ),
     "GNSS: the return after an outage": (
         Entry("gnss.waiting.consistency", "there are too few consistent fixes since GNSS came back", "wait"),

@@ -7,7 +7,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry(
             "imu.gap",
             "no IMU data for longer than imu.max_gap: the navigator continues from its last state, or aligns again",
-            "find out why the IMU stopped",
+            "find out why the IMU stopped, or whether its clock was set ahead",
         ),
         Entry(
             "imu.clock_jump", "the IMU's stamps went back: aligning again", "a looping bag does this; else " + CLOCKS

@@ -67,7 +67,9 @@ class DoubtMeter:
         if tilt < _LEAST_TILT and speed < _LEAST_SPEED:
             self._usual = values.mean(axis=0)
             return None
-        return Doubt(min(tilt, _MOST_TILT), min(speed, _MOST_SPEED))
+        dead = [_longest_run(step, same[:, one].all(axis=1))[1] >= _DEAD for one in (slice(0, 3), slice(3, 6))]
+        # GNSS shows the heading error of a dead gyroscope only in accelerations; both at rest: no noise, a simulation
+        return Doubt(min(tilt, _MOST_TILT), min(speed, _MOST_SPEED), lasting=dead == [True, False])
 
 
 def _possible_error(

@@ -17,11 +17,12 @@ from nav_pose_estimator.core.filter import bias_noise
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.blocks import keep_blocks
 from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
+from nav_pose_estimator.core.gnss import clock_offset
 from nav_pose_estimator.core.numerics.deep_copy import deep_copy
 from nav_pose_estimator.core.numerics.jit import COMPILED
 from nav_pose_estimator.engine.continuation.saved_state import SavedState
 from nav_pose_estimator.engine.continuation.warm_start import LONGEST, WarmStart
-from nav_pose_estimator.engine.engine_clock import EngineClock
+from nav_pose_estimator.engine.engine_clock import NS, EngineClock
 from nav_pose_estimator.engine.imu.physics import ImuPhysics
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.navigator import filter_setup, start_up
@@ -52,7 +53,7 @@ Origin = tuple[float, float, float]
 """Latitude, longitude [rad] and height [m] of the local frame."""
 _SURE_HEADING = 0.35  # rad: with fixes, a state with a larger heading deviation is not continued from
 _NOISE_LIFE = 3600.0  # s for which the identified noise is kept; later batteries, payload or propellers may differ
-_LATE = "an observation arrived later than the filter's memory reaches; it is not used"
+_AHEAD, _LATE = 1.0, 1.0  # s ahead of the IMU's time: refused; behind, where refused: not the delay of a message
 
 
 class FilterRun:
@@ -239,17 +240,23 @@ class FilterRun:
         self.quiet_until = -math.inf
         if self.take_observation is not None and self.take_observation(observation):
             return
-        name, stamp_ns = observation.kind.name, observation.stamp_ns
-        if observation.t > self.now + 1.0:
-            self.journal.say(stamp_ns, f"{name}.rejected.future", Level.WARN, f"{name}: stamp ahead of the IMU's time")
-        elif not self.timeline.observe(observation):
-            self.journal.say(stamp_ns, f"{name}.rejected.late", Level.INFO, f"{name}: {_LATE}")
+        if observation.t > self.now + _AHEAD or not self.timeline.observe(observation):
+            refuse_stamp(self, observation.kind.name, observation.stamp_ns, observation.t)
 
     # --- mode --------------------------------------------------------------------------------------------------------
 
     def update_mode(self, t: float) -> None:
         """Update the mode to ``t`` [s]."""
         self.modes.update(t, self.aiding, self.gnss.reception.refusal, self.journal, self.clock.stamp)
+
+
+def refuse_stamp(run: FilterRun, name: str, stamp_ns: int, t: float) -> None:
+    """Report a measurement ``name`` whose time ``t`` [s] the IMU has not reached or left too long ago."""
+    ahead = t - run.now
+    which, level = ("future", Level.WARN) if ahead > 0.0 else ("late", Level.WARN if ahead < -_LATE else Level.INFO)
+    stamp = stamp_ns * NS
+    text = f"{name} not used: {clock_offset.in_words(ahead, stamp, stamp - ahead)}"
+    run.journal.say(run.clock.stamp(run.now), f"{name}.rejected.{which}", level, text)
 
 
 def state_of(run: FilterRun) -> SavedState | None:

@@ -1,6 +1,6 @@
-"""Undoing of wrong GNSS velocities: the last seconds are computed again as if they had never been used.
+"""Undoing of wrong GNSS velocities, and of a stuck receiver: the last seconds are computed again without them.
 
-It takes seconds to establish that velocities are wrong, and meanwhile they have changed heading, tilt and biases. To
+It takes seconds to establish that measurements are wrong, and meanwhile they have changed heading, tilt and biases. To
 enlarge the covariance would be consistent, but the solution would be useless. So an older copy of the run (``past``)
 processes the same data again, with the present knowledge of the velocities.
 """
@@ -40,7 +40,7 @@ def go_back(run: FilterRun, stamp_ns: int) -> FilterRun:
         step = step_enu(run.timeline.filter.nav[at.LAT : at.VEL], twin.timeline.filter.nav[at.LAT : at.VEL])
         twin.timeline.shift = run.timeline.shift + step
         twin.gnss.position.resets = run.gnss.position.resets + 1
-    text = "the effect of wrong velocities is undone: the last seconds were computed again"
+    text = "the effect of wrong measurements is undone: the last seconds were computed again"
     run.journal.say(stamp_ns, UNDONE, Level.WARN, text)
     mode, now = run.modes.mode.value, twin.modes.mode.value
     if mode != now:
@@ -60,6 +60,7 @@ def _again(run: FilterRun) -> FilterRun | None:
     twin.origin, twin.origin_is_fixed = run.origin, run.origin_is_fixed
     now_known = run.gnss.reception
     twin.gnss.reception.velocities = now_known.velocities.in_hindsight(journal)
+    twin.gnss.reception.repeats.in_hindsight(now_known.repeats)
     twin.gnss.reception.velocity_scatter = deep_copy(now_known.velocity_scatter, {id(run.journal): journal})
     twin.imu_physics.motion.body = deep_copy(run.imu_physics.motion.body, {})
     for now, sample in others:

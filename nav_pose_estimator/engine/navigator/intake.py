@@ -16,7 +16,7 @@ from nav_pose_estimator.core.filter import memory
 from nav_pose_estimator.core.filter.blocks import blocks_of, enlarged, set_blocks, set_process
 from nav_pose_estimator.engine.engine_clock import NS
 from nav_pose_estimator.engine.navigator import heading_trial, start_up, status
-from nav_pose_estimator.engine.navigator.filter_run import FilterRun
+from nav_pose_estimator.engine.navigator.filter_run import FilterRun, refuse_stamp
 from nav_pose_estimator.engine.navigator.modes import DENIED
 from nav_pose_estimator.engine.navigator.split_filter import MOTION
 from nav_pose_estimator.engine.number_checks import is_position
@@ -48,6 +48,7 @@ from nav_pose_estimator.engine.sensors.magnetometer import Magnetometer
 from nav_pose_estimator.engine.sensors.sensor import Aid
 from nav_pose_estimator.engine.solutions import Level
 
+_OTHER_CLOCK = 1.0  # s between the stamps of magnetometer and IMU beyond which it is not used for the alignment
 _CRUISE = 60.0  # s: correlation time of the velocity of a fixed wing in cruise
 _UNEVENTFUL = frozenset((AttitudeSample, NavigatorVelocity, *(aid.sample for aid in AIDS if aid.kind.quiet)))
 """Samples that change neither the mode nor the state of GNSS, unless they become an observation."""
@@ -131,6 +132,9 @@ def _aid(run: FilterRun, sample: Any) -> None:
         if observation is not None and (not aid.blocks or _give_blocks(run, aid)):
             run.observe(observation)
     elif isinstance(aid, Magnetometer):
+        if abs(t - run.now) > _OTHER_CLOCK and run.parameters.aids.magnetometer:
+            refuse_stamp(run, aid.family, sample.stamp_ns, t)
+            return
         run.start_up.mag(t, aid.receive(sample))
     elif isinstance(sample, PressureSample):
         run.start_up.standard_height = barometer.standard_height(sample.pressure)

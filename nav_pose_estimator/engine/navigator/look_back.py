@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from nav_pose_estimator.core.alignment.rest import Stillness
+from nav_pose_estimator.core.earth.ellipsoid import step_enu
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter import noise_identification
 from nav_pose_estimator.core.filter.blocks import GYRO_MATRIX
@@ -20,11 +21,13 @@ from nav_pose_estimator.engine.samples import BodyVelocity, MagSample
 from nav_pose_estimator.engine.sensors.body_velocity import BodyVelocitySensor
 from nav_pose_estimator.engine.sensors.gyroscope.watch import Second
 from nav_pose_estimator.engine.sensors.magnetometer import Magnetometer
+from nav_pose_estimator.engine.solutions import Level
 
 _GROUNDED = 1.0  # m/s
 _OFF_FOR = 4.0  # s over which the median innovation of positions is taken
 _OFF_SDS, _OFF = 2.4, 3.6
 """Deviations of a fix, and metres, by which that median must exceed chance; recorded flights: 3.1 m, 4.5 m in loops."""
+_SURE_SDS = 2.0  # horizontal deviations by which the navigator must have moved away from a repeated position
 _LATELY = 2.0  # s: velocities of this time judge how much a second shows of the gyroscope
 _ROWS = 1.5 * noise_identification.PERIOD  # s: the last second began with the row before it
 
@@ -61,6 +64,8 @@ def _look_at_motion(run: FilterRun) -> None:
     run.gnss.reception.velocity_scatter.second(run.clock.stamp(t))
     if is_aided:
         _doubt_the_position(run, t)
+    if not rests:
+        _doubt_repeated_fixes(run, t, is_aided)
     _doubt_the_body_velocity(run, t, is_aided)
     _watch_the_gyroscope(run, t, is_aided)
     if run.parameters.imu.learn_noise:
@@ -110,6 +115,28 @@ def _doubt_the_position(run: FilterRun, t: float) -> None:
     off = run.gnss.position.record.lasting(_OFF_FOR)
     if off > max(_OFF_SDS * run.parameters.gnss.position_sd, _OFF):
         run.observe(run.imu_doubt.observe(Doubt(0.0, 0.0, position=off), t, run.clock.stamp(t)))
+
+
+def _doubt_repeated_fixes(run: FilterRun, t: float, is_aided: bool) -> None:
+    """Find a stuck receiver by a navigator that moves away from a position which repeats to the last digit.
+
+    The filter has been drawn to that position, so the last seconds are computed again without it. A fast vehicle leaves
+    it so quickly that the fixes are refused, and would be taken for a return to another place some seconds later.
+    """
+    reception, whole = run.gnss.reception, run.timeline.filter
+    count = reception.repeats.count(t, reception.velocities)
+    if not count or (reception.velocities.is_zero and not is_aided):
+        return
+    if is_aided:
+        moved = run.gnss.position.record.change(count)
+    else:
+        east, north, _ = step_enu(whole.nav[at.LAT : at.VEL], reception.repeats.place)
+        moved = math.hypot(east, north)
+    sure = moved > _SURE_SDS * math.sqrt(float(whole.P[at.DPOS, at.DPOS] + whole.P[at.DPOS + 1, at.DPOS + 1]))
+    if sure and reception.repeats.find_stuck(moved, reception.rounding.step):
+        text = f"GNSS repeats a position to the last digit while the vehicle has moved {moved:.0f} m: it is stuck"
+        run.journal.say(run.clock.stamp(t), "gnss.stuck", Level.WARN, text, moved_m=moved)
+        reception.velocities.misled = True
 
 
 def _doubt_the_body_velocity(run: FilterRun, t: float, is_aided: bool) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.numerics.deep_copy import shallow_copy
 from nav_pose_estimator.engine.journal import Journal
-from nav_pose_estimator.engine.samples import GnssVelocity, Sample
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, Sample
 
 if TYPE_CHECKING:
     from nav_pose_estimator.engine.navigator.filter_run import FilterRun
@@ -32,14 +32,14 @@ class _Start(NamedTuple):
 
 
 class Past:
-    """Copies and records of a run from the first GNSS velocity on. Its content is never written to."""
+    """Copies and records of a run from the first fix or GNSS velocity on. Its content is never written to."""
 
     def __init__(self) -> None:
         self._starts: list[_Start] = []
         self._others: list[tuple[float, Sample]] = []  # samples other than IMU, each with the time of the last IMU row
         self._seconds: list[np.ndarray] = []  # blocks of IMU rows (N, 7)
         self._until = -math.inf  # s: time of the last of them
-        self._has_velocity = False  # whether a GNSS velocity has come since the last copy
+        self._has_gnss = False  # whether a fix or GNSS velocity has come since the last copy
 
     def __deepcopy__(self, _memo: dict) -> Past:
         """A copy with its own lists of the same items, which are never written to."""
@@ -53,10 +53,10 @@ class Past:
 
     def record(self, run: FilterRun, sample: Sample) -> None:
         """Record a ``sample`` other than IMU before it is processed."""
-        if type(sample) is GnssVelocity:
+        if type(sample) in (GnssFix, GnssVelocity):
             if not self._starts:
                 self._keep(run)
-            self._has_velocity = True
+            self._has_gnss = True
         if self._starts:
             self._others.append((run.now, sample))
 
@@ -66,7 +66,7 @@ class Past:
             return
         self._keep_rows(run)
         age = run.now - self._starts[-1].t
-        if not self._has_velocity:  # no velocity has come that could be wrong
+        if not self._has_gnss:  # nothing has come that could be wrong
             if age > _LONGEST:
                 self.forget()
             return
@@ -103,7 +103,7 @@ class Past:
         # ``go_back`` gives the copy the present knowledge of velocities in place of these
         twin = run.copy(Journal(), shared=(run.gnss.reception.velocities, run.imu_physics.motion.body))
         twin.past = Past()
-        self._has_velocity = False
+        self._has_gnss = False
         self._starts.append(_Start(run.now, twin, len(self._others), len(self._seconds)))
 
     def _drop_first(self) -> None:

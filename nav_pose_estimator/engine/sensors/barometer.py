@@ -101,9 +101,8 @@ class Barometer(Aid):
             return None
         if not is_valid:
             unit = likely_unit(sample.pressure)
-            if unit:
-                return self._refuse_unit(sample.stamp_ns, sample.pressure, unit)
-            return self._refuse()
+            guess = f"looks like {unit}" if unit else "which it cannot be: the driver may not fill it"
+            return self._refuse_unit(sample.stamp_ns, sample.pressure, guess)
         return Observation(t, sample.stamp_ns, self.kind, height)
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
@@ -114,7 +113,9 @@ class Barometer(Aid):
                 self.learn(o, height, float(f.P[_UP, _UP]))
             else:
                 pressure = height_pressure(o.measured)
-                self._refuse_unit(o.stamp_ns, pressure, likely_unit(pressure, height))
+                unit = likely_unit(pressure, height)
+                guess = f"looks like {unit}" if unit else "no unit fits the height of GNSS"
+                self._refuse_unit(o.stamp_ns, pressure, guess)
             return LEFT_OUT
         if self._contradicts or not math.isfinite(self._offset):
             return LEFT_OUT
@@ -169,13 +170,12 @@ class Barometer(Aid):
         elif was_frozen and not is_frozen:
             self._journal.say(sample.stamp_ns, "baro.frozen.ended", Level.INFO, "the barometer's values change again")
 
-    def _refuse_unit(self, stamp_ns: int, pressure: float, unit: str) -> None:
-        """Count a pressure that is not in pascal; the first one gives an event with the likely ``unit``."""
+    def _refuse_unit(self, stamp_ns: int, pressure: float, guess: str) -> None:
+        """Count a pressure that is not in pascal; the first one gives an event with a ``guess`` why."""
         if self._unit_reported:
             self._journal.count("baro.rejected.unit")
             return
         self._unit_reported = True
-        guess = f"looks like {unit}" if unit else "no unit fits the height of GNSS"
         text = f"barometer not used: its value is {pressure:.5g}; pascal expected, {guess}"
         self._journal.say(stamp_ns, "baro.rejected.unit", Level.ERROR, text)
 

@@ -36,6 +36,8 @@ KNOWN_HEADING = 0.2
 _LARGEST_IRON = 1e-3  # T: beyond the range of magnetometers
 _OFFSET_MEMORY = 100.0  # s: averaging time of the offset
 _SHORTEST_PERIOD = 0.01  # s: floor of the period with which the offset is learned, and in ``CompassCheck``
+_EMPTY = 20  # consecutive fields of exactly zero that are no start of a driver
+_UNIT_VECTOR = 1e-3  # tolerance of the length of a normalised field
 
 
 class Magnetometer(Aid):
@@ -49,7 +51,7 @@ class Magnetometer(Aid):
         self._pacer = Pacer()
         self._offset = math.nan  # rad: magnetic minus filter heading
         self._since = 0.0
-        self._is_new = True
+        self._is_new, self._zeros = True, 0  # whether no field has come yet; consecutive samples without one
         self._check = CompassCheck()
         self.turns = TurnCheck()
         """The test of its turns against those of the gyroscope."""
@@ -62,8 +64,12 @@ class Magnetometer(Aid):
         self._variance = aids.magnetometer_sd**2 * shared_error(aids.magnetometer_period)
 
     def receive(self, sample: MagSample) -> Vector3:
-        """The field of a sample, calibrated and in b; a unit other than tesla gives an event once."""
-        if self._is_new:
+        """The field of a sample, calibrated and in b; a unit other than tesla, or none, gives an event once."""
+        self._zeros = 0 if any(sample.field) else self._zeros + 1
+        if self._zeros == _EMPTY:
+            text = "the magnetic field is exactly zero: the driver does not fill it, or the sensor is dead"
+            self._journal.say(sample.stamp_ns, "mag.empty", Level.WARN, text)
+        elif self._is_new and not self._zeros:
             self._is_new = False
             text = self._wrong_unit(math.hypot(*sample.field))
             if text:
@@ -74,6 +80,8 @@ class Magnetometer(Aid):
         unit, iron = likely_unit(strength), math.hypot(*self._hard_iron)
         if unit:
             return f"a magnetic field of {strength:.3g} is in {unit}: publish tesla"
+        if abs(strength - 1.0) < _UNIT_VECTOR:
+            return "a magnetic field of length 1 is a direction without its strength: publish tesla"
         if iron > _LARGEST_IRON:
             return f"attitude.hard_iron of {iron:.3g} T is beyond any magnetometer: is it in gauss? tesla is expected"
         return ""
@@ -82,7 +90,10 @@ class Magnetometer(Aid):
         """A field in any unit, at most every ``aids.magnetometer_period``."""
         if not self._enabled or not self._pacer.passes(t, self._period):
             return None
-        if not is_within(sample.field, LARGEST_FIELD) or not any(sample.field):
+        if not is_within(sample.field, LARGEST_FIELD):
+            return self._refuse()
+        if not any(sample.field):
+            self.receive(sample)
             return self._refuse()
         field = self.receive(sample)
         self.turns.field(t, field)

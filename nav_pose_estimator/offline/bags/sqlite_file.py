@@ -1,14 +1,21 @@
 """Reader of sqlite3 files of rosbag2 (.db3)."""
 
+import contextlib
 import os
+import shutil
 import sqlite3
-from collections.abc import Iterator
+import struct
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from nav_pose_estimator.offline.bags.raw_messages import BagError, RawBatch, Topic, from_payloads
 
 ROWS_AT_ONCE = 8192
 LARGEST_VALUE = 64 << 20  # bytes of a text or a message
+_MAGIC = b"SQLite format 3\0"
+_HEAD = struct.Struct(">16sH10xI")  # magic, size of a page, number of pages (https://sqlite.org/fileformat.html)
 
 
 class SqliteFile:
@@ -21,8 +28,10 @@ class SqliteFile:
         # a bag that was not closed has its last messages in a write-ahead log beside it; without such a log,
         # "immutable" permits reading from a read-only folder
         option = "mode=ro" if _log_of(path).exists() else "mode=ro&immutable=1"
+        self._folder: TemporaryDirectory | None = None
+        whole = self._with_all_pages()
         try:
-            self._database = sqlite3.connect(f"{path.resolve().as_uri()}?{option}", uri=True)
+            self._database = sqlite3.connect(f"{whole.resolve().as_uri()}?{option}", uri=True)
             self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_VALUE)
             self._database.text_factory = lambda raw: raw.decode("utf-8", "replace")
             self._database.execute("PRAGMA trusted_schema = OFF")
@@ -49,6 +58,30 @@ class SqliteFile:
     def close(self) -> None:
         """Close the file."""
         self._database.close()
+        if self._folder is not None:
+            self._folder.cleanup()
+
+    def _with_all_pages(self) -> Path:
+        """The file; or, of one that breaks off, a copy as long as its header says, without which SQLite refuses it."""
+        path, size = self.path, self.path.stat().st_size
+        with path.open("rb") as content:
+            head = content.read(_HEAD.size)
+        if len(head) < _HEAD.size:
+            return path
+        magic, page, pages = _HEAD.unpack(head)
+        length = pages * (65536 if page == 1 else page)
+        # beyond a thousand times the size, a damaged header is more likely
+        if magic != _MAGIC or not size < length < 1000 * size or _log_of(path).exists():
+            return path
+        try:
+            self._folder = TemporaryDirectory(prefix="nav_pose_estimator_")
+            copy = Path(self._folder.name, path.name)
+            shutil.copyfile(path, copy)
+            os.truncate(copy, length)
+        except OSError:  # no room for a copy
+            return path
+        self.warnings.append(f"{path.name} breaks off: {size} of {length} bytes")
+        return copy
 
     def batches(self, names: list[str]) -> Iterator[RawBatch]:
         """Yield the messages of the topics ``names`` in receive-time order."""
@@ -57,8 +90,7 @@ class SqliteFile:
         query = f"SELECT timestamp, topic_id, data FROM messages WHERE topic_id IN ({marks}) ORDER BY timestamp, id"
         lost = 0
         try:
-            cursor = self._database.execute(query, list(wanted))
-            while rows := cursor.fetchmany(ROWS_AT_ONCE):
+            for rows in self._rows(query, list(wanted)):
                 times, topics, payloads = zip(*rows, strict=True)
                 if {*map(type, times)} != {int} or {*map(type, payloads)} != {bytes}:
                     good = [row for row in rows if type(row[0]) is int and type(row[2]) is bytes]
@@ -69,6 +101,29 @@ class SqliteFile:
             self._warn(f"{self.path.name} is damaged ({error}): the messages after that point are lost")
         if lost:
             self._warn(f"{self.path.name} is damaged: {lost} messages have no time or no content")
+
+    def _rows(self, query: str, values: list[int]) -> Iterator[list[tuple]]:
+        """The rows of ``query`` in batches. Raises ``sqlite3.Error`` behind the last one ahead of a damaged page."""
+        count = 0
+        try:
+            cursor = self._database.execute(query, values)
+            while rows := cursor.fetchmany(ROWS_AT_ONCE):
+                count += len(rows)
+                yield rows
+        except sqlite3.Error as error:  # the batch in which it occurred is lost: read it again, row by row
+            rest, damage = self._until_damage(f"{query} LIMIT -1 OFFSET {count}", values), error
+        else:
+            return
+        if rest:
+            yield rest
+        raise damage
+
+    def _until_damage(self, query: str, values: Sequence[int] = ()) -> list[tuple]:
+        """The rows of ``query`` ahead of the first damaged page."""
+        rows: list[tuple] = []
+        with contextlib.suppress(sqlite3.Error):
+            rows += iter(self._database.execute(query, values).fetchone, None)
+        return rows
 
     def _warn(self, text: str) -> None:
         if text not in self.warnings:
@@ -100,8 +155,8 @@ class SqliteFile:
         try:
             return dict(self._database.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id"))
         except sqlite3.Error as error:
-            self._warn(f"{self.path.name} is damaged ({error}): its messages cannot be counted")
-            return {}
+            self._warn(f"{self.path.name} is damaged ({error}): not all of its messages can be counted")
+            return Counter(row[0] for row in self._until_damage("SELECT topic_id FROM messages NOT INDEXED"))
 
     def _has_table(self, name: str) -> bool:
         query = "SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = ?"

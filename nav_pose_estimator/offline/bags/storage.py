@@ -143,9 +143,11 @@ class Bag:
         with path.open("rb") as content:
             if content.read(len(ROS1_MAGIC)) == ROS1_MAGIC:
                 raise BagError(f"{path} is a ROS 1 bag: {_ros1_cure(path.name)}")
-        if path.suffix == COMPRESSED:
-            path = self._unpack(path)
-        file = _storage_of(path)(path)
+        given, path = path, self._unpack(path) if path.suffix == COMPRESSED else path
+        try:
+            file = _storage_of(path)(path)
+        except BagError as error:  # it may name the unpacked file, which is removed
+            raise BagError(str(error).replace(str(path), str(given))) from None
         self._stack.callback(file.close)
         return file
 
@@ -212,7 +214,7 @@ def _storage_of(path: Path) -> type[AnyFile]:
         if head.startswith(magic):
             return storage
     if path.suffix not in STORAGES:
-        raise BagError(f"{path} is not a rosbag2: give a bag folder, a .mcap or a .db3 file")
+        raise BagError(f"{path} is neither a rosbag2 (folder, .mcap, .db3) nor a PX4 or ArduPilot log")
     if not head:
         raise BagError(f"{path} is empty")
     return STORAGES[path.suffix]

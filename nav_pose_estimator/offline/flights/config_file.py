@@ -47,6 +47,7 @@ def _merge(content: Mapping[str, Any]) -> dict[str, Any]:
     """Values by dotted name of all relevant sections; specific sections override general ones."""
     sections = list(_sections(content))
     if not sections:
+        _check_no_section(content)
         return dict(_flatten(content))
     ours = [(_rank(name), name, dict(_flatten(tree))) for name, tree in sections if _rank(name)]
     if not ours:
@@ -58,6 +59,14 @@ def _merge(content: Mapping[str, Any]) -> dict[str, Any]:
         if rank == _SINGLE:
             _check_agreement(name, tree, of_single)
     return values
+
+
+def _check_no_section(content: Mapping[str, Any]) -> None:
+    """Raise ``ParameterError`` where a file without ``ros__parameters`` has the name of a node or a misspelled one."""
+    for name, tree in content.items():
+        misspelled = isinstance(tree, Mapping) and any(str(key).replace("_", "") == "rosparameters" for key in tree)
+        if misspelled or str(name).startswith("/"):
+            raise ParameterError(f"its section {str(name)!r} has no {SECTION!r} (with two underscores)")
 
 
 def _check_agreement(name: str, tree: Mapping[str, Any], seen: dict[str, tuple[str, Any]]) -> None:

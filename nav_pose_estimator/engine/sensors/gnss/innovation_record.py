@@ -60,6 +60,13 @@ class InnovationRecord:
         count = max(round(seconds / self._period), 1)
         return _pairs(list(self._accepted)[-count:]).mean(axis=0) if self._accepted else np.zeros(2)
 
+    def change(self, count: int) -> float:
+        """Largest change [unit of z] of the last ``count`` horizontal innovations, or all, from the one before."""
+        count = min(count, len(self._horizontal) - 1)
+        return (
+            max((abs(z - self._horizontal[-1 - count]) for z in self._last(count)), default=0.0) if count > 0 else 0.0
+        )
+
     def lasting(self, seconds: float) -> float:
         """Size of the median horizontal innovation of the last ``seconds``, minus what may be chance; in the unit of z.
 

@@ -9,9 +9,9 @@ from nav_pose_estimator.core.gnss.spoof_drift import WalkOff
 from nav_pose_estimator.core.gnss.two_places import TwoPlaces
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import Observation
+from nav_pose_estimator.engine.sensors.gnss.digits import Rounding
 from nav_pose_estimator.engine.sensors.gnss.latency import Latency
 from nav_pose_estimator.engine.sensors.gnss.other_motion import OtherMotion, RestDrift
-from nav_pose_estimator.engine.sensors.gnss.rounding import Rounding
 from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import Scatter
 from nav_pose_estimator.engine.solutions import Level
 

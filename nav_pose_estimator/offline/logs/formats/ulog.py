@@ -53,7 +53,8 @@ def read_ulog(path: Path) -> LogTables:
         notices.append(f"{path.name} is damaged: what could not be read between two messages was skipped")
     lost = sum(dropout.duration for dropout in log.dropouts)
     if lost:
-        notices.append(f"the logger dropped data at {len(log.dropouts)} places, {lost * 1e-3:.3g} s in all")
+        times = "once" if len(log.dropouts) == 1 else f"{len(log.dropouts)} times"
+        notices.append(f"the logger dropped data {times}, {lost * 1e-3:.3g} s in all")
     tables: dict[str, list[Table]] = {}
     for item in sorted(log.data_list, key=lambda item: (item.name, item.multi_id)):
         if item.name in TOPICS and "timestamp" in item.data:
