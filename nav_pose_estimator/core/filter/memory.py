@@ -178,7 +178,7 @@ def run_sample(memory, rows, index, solution, t, wx, wy, wz, fx, fy, fz):
     nav, constants, P = memory[NAV:CONSTANTS], memory[CONSTANTS:ORIGIN], memory[HEAD : HEAD + n * n].reshape(n, n)
     if integrate(nav, constants, t, (wx, wy, wz), (fx, fy, fz)):
         covariance_step(nav, P, constants)
-    write_output(nav, P, solution[:OUT_COLUMNS].reshape(1, OUT_COLUMNS), 0)
+    write_output(nav, constants, P, solution[:OUT_COLUMNS].reshape(1, OUT_COLUMNS), 0)
     if nav[TIME] >= _next_checkpoint(memory):
         add_checkpoint(memory)
     complete_solution(memory, solution)
