@@ -18,6 +18,7 @@ from nav_pose_estimator.engine.outage.epochs import last_stamp
 from nav_pose_estimator.engine.outage.filter_bank import COAST, ONE_WAY, FilterBank, OfOneWay, Way
 from nav_pose_estimator.engine.outage.rehearsal import Epoch, Rehearsal
 from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import ImuBlock, MagSample, joined, known_stamp
 from nav_pose_estimator.engine.solutions import NavBlock
 from nav_pose_estimator.offline.benchmarks.speed.plain_flight import samples
@@ -55,15 +56,27 @@ def alone(rehearsal: Rehearsal, sins: SinsEngine, epochs: list[Epoch]) -> Iterat
 
 
 def test_other_noise_is_that_of_every_way() -> None:
-    """GIVEN a bank with a way WHEN the noise of the IMU changes THEN it changes for both filters."""
+    """GIVEN a bank with a way WHEN the noise of the IMU changes THEN it changes for both filters, and nothing else."""
     constants = filter_setup.constants(Parameters(), NoiseIdentification())
     bank = FilterBank(SplitFilter(constants, 10, 0.05))
     bank.ways["network"] = Way(bank)
     shaken = filter_setup.constants(Parameters(), NoiseIdentification(), (0.1, 1.0))
     assert not np.array_equal(shaken, constants)
     bank.set_constants(shaken)
+    shaken[at.COV_PERIOD] = 0.1
     np.testing.assert_array_equal(bank.constants, shaken)
     np.testing.assert_array_equal(bank.ways["network"].constants, shaken)
+
+
+def test_a_longer_period_of_the_covariance_than_usual_stays() -> None:
+    """GIVEN a period of the covariance of 0.2 s WHEN a bank begins, and when the noise changes THEN it is 0.2 s."""
+    constants = filter_setup.constants(
+        update(Parameters(), {"navigator.covariance_period": 0.2}), NoiseIdentification()
+    )
+    bank = FilterBank(SplitFilter(constants, 10, 0.05))
+    assert bank.constants[at.COV_PERIOD] == 0.2
+    bank.set_constants(constants)
+    assert bank.constants[at.COV_PERIOD] == 0.2
 
 
 def test_copies_decide_by_themselves_about_an_observation_of_one_way() -> None:
@@ -78,12 +91,13 @@ def test_copies_decide_by_themselves_about_an_observation_of_one_way() -> None:
 
 
 @pytest.mark.compiled
-@pytest.mark.parametrize("late", [False, True])
-def test_each_way_is_what_a_copy_of_the_navigator_would_be(late: bool) -> None:
+@pytest.mark.parametrize(("late", "period", "near"), [(False, 0.1, 1e-6), (True, 0.1, 1e-6), (False, 0.04, 0.01)])
+def test_each_way_is_what_a_copy_of_the_navigator_would_be(late: bool, period: float, near: float) -> None:
     """GIVEN an aided flight WHEN 15 s of it are rehearsed, with a punctual or late magnetometer THEN every filter has
-    the state of a copy of the navigator that is guided by itself."""
+    the state of a copy of the navigator that is guided by itself: the same number, where that one's covariance has the
+    period of rehearsals, and one ``near`` [m] it where it has the usual one."""
     aided, epochs = split(samples(60.0, 100.0), late)
-    engine = PoseEstimator()
+    engine = PoseEstimator(update(Parameters(), {"navigator.covariance_period": period}))
     engine.feed_all(aided)
     aid = engine.outage_aid
     assert aid is not None
@@ -99,5 +113,5 @@ def test_each_way_is_what_a_copy_of_the_navigator_would_be(late: bool) -> None:
     for name, twin in expected.items():
         view, settled = views.get(name, views[COAST]), twin.run.settled
         apart = step_enu(settled.nav[at.LAT : at.VEL], view.nav[at.LAT : at.VEL])
-        np.testing.assert_allclose(apart, 0.0, atol=1e-6)
+        np.testing.assert_allclose(apart, 0.0, atol=near)
         np.testing.assert_allclose(view.P.diagonal(), settled.P.diagonal(), rtol=0.02)

@@ -19,7 +19,7 @@ from nav_pose_estimator.engine.outage.filter_bank import COAST, FilterBank, with
 from nav_pose_estimator.engine.outage.methods.air_velocity_guide import AirVelocityGuide
 from nav_pose_estimator.engine.outage.methods.method import Flight as FlightSoFar
 from nav_pose_estimator.engine.outage.methods.registry import estimators
-from nav_pose_estimator.engine.outage.rehearsals import Rehearsals
+from nav_pose_estimator.engine.outage.rehearsals import Rehearsals, at_its_end
 from nav_pose_estimator.engine.parameters.learner import LearnerParameters
 from nav_pose_estimator.engine.samples import (
     GnssFix,
@@ -205,6 +205,17 @@ def test_what_a_traveller_lacked_is_no_doubt_of_a_hover(monkeypatch) -> None:
     monkeypatch.setattr(Moving, "speed", 0.5)
     fly(rehearsals, Moving([0.1, 1.0]), 1060.0, 1120.0)
     assert rehearsals.spread(hovering=True)["network"] > 1.0
+
+
+def test_a_rehearsal_at_its_end_shows_the_same() -> None:
+    """GIVEN copies that drift WHEN one process flies them as data arrive and another at the end THEN both know the
+    same."""
+    arriving, at_once = Rehearsals(), Rehearsals(elsewhere=at_its_end)
+    for rehearsals in (arriving, at_once):
+        fly(rehearsals, Navigator([2.0, 1.0]), 1000.0, 1180.0)
+    assert arriving.count == 3
+    assert at_once.scores() == arriving.scores()
+    assert at_once.spread() == arriving.spread()
 
 
 def test_old_rehearsals_are_forgotten() -> None:

@@ -115,9 +115,9 @@ class FlightMemory:
         """The epochs of the last ``seconds`` before the newest one, (N, COLUMNS or more)."""
         if not self.epochs:
             return np.empty((0, COLUMNS))
-        newest = self.epochs[-1][0]
-        count = next((i for i, e in enumerate(reversed(self.epochs)) if e[0] <= newest - seconds), len(self.epochs))
-        return np.array(list(self.epochs)[len(self.epochs) - count :])
+        epochs = np.array(self.epochs)
+        before = np.flatnonzero(epochs[:, TIME] <= epochs[-1, TIME] - seconds)
+        return epochs[before[-1] + 1 :] if len(before) else epochs
 
 
 def last_stamp(output: NavBlock | NavSolution) -> int:

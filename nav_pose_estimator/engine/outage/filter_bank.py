@@ -2,18 +2,20 @@
 
 All of them get the same IMU rows and the same observations, each of which is received, checked and decided about once:
 by the sensors of the coasting navigator, whose doubts about the IMU also are those of all ways. A way differs from it
-only by the advice of its guide. A noise model that learns follows the innovations of the last way.
+only by the advice of its guide. A noise model that learns follows the innovations of the last way. Checkpoints and
+steps of the covariance are rarer than in flight.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from nav_pose_estimator.core.filter import memory
-from nav_pose_estimator.core.filter.layout import IMU_T, OUT_COLUMNS
+from nav_pose_estimator.core.filter.layout import COV_PERIOD, IMU_T, OUT_COLUMNS
 from nav_pose_estimator.core.numerics.deep_copy import own_dictionary
 from nav_pose_estimator.engine.navigator.branches import Branches
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
@@ -23,6 +25,8 @@ from nav_pose_estimator.engine.outage.epochs import joined_rows
 from nav_pose_estimator.engine.outage.methods.coast import Coast
 from nav_pose_estimator.engine.sensors.rest import Rest
 
+_COVARIANCE_PERIOD = 0.1  # s at least: what rehearsals decide does not change (docs/speed.md)
+_CHECKPOINT_PERIOD = 0.5  # s: seldom, since hardly an observation is late, and the filters then fit into the cache
 COAST = Coast.name
 ONE_WAY = Kind("one_way")
 """Observations of one way alone, by its guide."""
@@ -73,8 +77,11 @@ class FilterBank(SplitFilter):
 
     def __init__(self, coasting: SplitFilter) -> None:
         """Continue the filter ``coasting``, which has no branches and is not to be used any more."""
-        super().__init__(coasting.constants, coasting._slots, coasting._period)
+        reach = (coasting._slots - 2) * coasting._period  # s, of its checkpoints into the past
+        super().__init__(coasting.constants, math.ceil(reach / _CHECKPOINT_PERIOD) + 2, _CHECKPOINT_PERIOD)
         self._hold(coasting.vector)
+        self.vector[memory.PERIOD] = _CHECKPOINT_PERIOD
+        self.constants[COV_PERIOD] = max(self.constants[COV_PERIOD], _COVARIANCE_PERIOD)
         self.ways: dict[str, Way] = {}
         self.was_restarted = False
         """Whether the filter had to start again, without the ways."""
@@ -89,9 +96,9 @@ class FilterBank(SplitFilter):
 
     def set_constants(self, constants: np.ndarray) -> None:
         """``SplitFilter.set_constants`` for each filter."""
-        super().set_constants(constants)
-        for way in self.ways.values():
-            way.set_constants(constants)
+        for one in (self, *self.ways.values()):
+            SplitFilter.set_constants(one, constants)
+            one.constants[COV_PERIOD] = max(constants[COV_PERIOD], _COVARIANCE_PERIOD)
 
     def carry(self, rows: np.ndarray, begin: int, end: int, due: float, out: np.ndarray) -> int:
         """``SplitFilter.carry`` for each filter; the ways keep the output rows that are not those of a replay."""
@@ -169,6 +176,7 @@ def without_gnss(sins: SinsEngine) -> SinsEngine:
     twin = sins.snapshot()
     run = twin.run
     run.past.forget()  # no fix will make it go back
+    run.start_up = run.start_up.afresh(run.parameters)  # nor will it align again; both would only be handed on
     bank = FilterBank(run.timeline.filter)
     run.timeline.filter, run.timeline.routine = bank, None
     run.rest = RestOfEach(run.rest, bank)

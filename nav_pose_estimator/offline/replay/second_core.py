@@ -20,6 +20,7 @@ from typing import Any
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.outage.learner import TAKE_OVER, OutageLearner
 from nav_pose_estimator.engine.outage.methods.method import TrainingJob, TrainingResult
+from nav_pose_estimator.engine.outage.rehearsals import at_its_end
 
 Work = Callable[[], Any]
 _AHEAD = 0.01  # s before a result takes effect from which the replay waits for it; more than times are rounded by
@@ -89,8 +90,7 @@ class SecondCore:
     def _begin(self, work: Work) -> Work:
         """Begin ``work``; the kernels that only it needs are loaded by the fork alone."""
         if not self._can_copy:
-            result = work()
-            return lambda: result
+            return at_its_end(work)
         if self._copy is None:
             self._copy = _Copy()
         return self._copy.begin(work)

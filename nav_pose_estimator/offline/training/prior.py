@@ -19,6 +19,7 @@ from nav_pose_estimator.core.motion.usual_drag import fit_drag
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.outage.epochs import EpochCollector
 from nav_pose_estimator.engine.outage.methods.usual_file import as_toml
+from nav_pose_estimator.engine.outage.rehearsals import at_its_end
 from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.archive.kept import KeptResults
@@ -98,7 +99,8 @@ def fly(recorded: Recorded) -> PriorFlight:
     parameters = methods.apply(load_parameters(reading.config), methods.BEST)
     recording = prepared(open_recording(path, reading.log, parameters=parameters), parameters, np.inf)
     parameters, _ = latency.choose(recording, parameters, reading.gnss_delay, reading.config, np.inf, search=True)
-    engine, collector, found = PoseEstimator(parameters, attitude=False), EpochCollector(), []
+    engine = PoseEstimator(parameters, attitude=False, rehearse=at_its_end)
+    collector, found = EpochCollector(), []
     for sample in recording.samples:
         for output in engine.feed(sample):
             finished = collector.feed(output) if isinstance(output, (NavBlock, NavSolution)) else None

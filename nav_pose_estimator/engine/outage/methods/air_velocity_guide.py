@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -50,18 +51,19 @@ class AirVelocityGuide:
 
     def advise(self, stamp_ns: int, recent: Array, external: VelocityError | None = None) -> Advice:
         """The evidence of the newest epoch, and the velocity error that the model of this process predicts for it."""
-        newest, prediction, error = recent[-1], None, None
+        newest, prediction, predict = recent[-1], None, None
         is_fresh = external is not None and abs(external.stamp_ns - stamp_ns) < _FRESH * 1e9
         model = None if self.is_usual and is_fresh else self.model
         if model is not None:
             prediction = _predict(model, newest)
-            error = _velocity_error(model, stamp_ns, newest, prediction)
+            predict = partial(_velocity_error, model, stamp_ns, newest, prediction)
         elif external is not None and is_fresh:
             prediction = _from_outside(newest, external)
         hypotheses = self.hypotheses(recent, prediction)
         if not hypotheses:
-            return Advice((), error)
-        return Advice((motion_evidence(stamp_ns, newest, hypotheses, self.drift_variance, prediction, model),), error)
+            return Advice((), predict)
+        evidence = motion_evidence(stamp_ns, newest, hypotheses, self.drift_variance, prediction, model)
+        return Advice((evidence,), predict)
 
 
 def travelling(prediction: AirPrediction, spread_psd: float = 0.0) -> Hypothesis:

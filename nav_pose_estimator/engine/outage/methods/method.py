@@ -8,7 +8,7 @@ before the flight, ``beforehand``, does not change.
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol, Self
 
@@ -50,10 +50,18 @@ class Flight:
 
 @dataclass(frozen=True)
 class Advice:
-    """The advice for one epoch of an outage: ``samples`` for the navigator, and its predicted velocity error."""
+    """The advice for one epoch of an outage: ``samples`` for the navigator.
+
+    ``predict`` computes the navigator's velocity error, which rehearsals do not need; None without a prediction.
+    """
 
     samples: tuple[Sample, ...] = ()
-    velocity_error: VelocityError | None = None
+    predict: Callable[[], VelocityError] | None = None
+
+    @property
+    def velocity_error(self) -> VelocityError | None:
+        """The predicted velocity error of the navigator."""
+        return None if self.predict is None else self.predict()
 
 
 class Guide(Protocol):

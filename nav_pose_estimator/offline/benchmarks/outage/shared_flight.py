@@ -9,6 +9,7 @@ from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator, Sna
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.outage.aid import OutageAid
 from nav_pose_estimator.engine.outage.pilot import OutageHelp
+from nav_pose_estimator.engine.outage.rehearsals import at_its_end
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import Sample
 from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
@@ -22,7 +23,7 @@ class SharedFlight:
 
     def __init__(self, parameters: Sequence[Parameters]) -> None:
         """``parameters``: one set for each method, which differ only in the outage method."""
-        engines = [PoseEstimator(own, attitude=False) for own in parameters]
+        engines = [PoseEstimator(own, attitude=False, rehearse=at_its_end) for own in parameters]
         self.engine = engines[0]
         self._learners = _Learners([engine.outage_aid for engine in engines])
         self.engine.outage_aid = self._learners

@@ -165,15 +165,16 @@ def _joined(samples: list[Sample]) -> list[Sample]:
 
 
 def whole_estimator(flight: list[Sample], full: list[Sample]) -> list[Figure]:
-    """Attitude filter, navigator and learner together, as in a replay, with few sensors and with all."""
+    """Attitude filter, navigator and learner together, as in a replay on one core, with few sensors and with all."""
     from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+    from nav_pose_estimator.engine.outage.rehearsals import at_its_end
 
     figures = []
     for sensors, samples in (("plain flight", flight), ("full set", full)):
         for method, goal in (("coast", None), ("best", 9.0)):
             parameters = update(Parameters(), {"learner.method": method})
             PoseEstimator(parameters).warm_up()
-            cost = best_time(partial(_fly, PoseEstimator, parameters, samples), repeat=2)
+            cost = best_time(partial(_fly, partial(PoseEstimator, rehearse=at_its_end), parameters, samples), repeat=2)
             what = f"pose estimator, {sensors}, {method}"
             figures.append(
                 Figure(what, 1e6 * cost / len(imu_only(samples)), "us/epoch", goal if samples is full else None)
