@@ -47,7 +47,7 @@ Elsewhere = Callable[[Callable[[], Outcome | None]], Callable[[], Outcome | None
 
 
 def at_its_end(work: Callable[[], Outcome | None]) -> Callable[[], Outcome | None]:
-    """An ``Elsewhere`` of this process. Half a minute at once costs less than as data arrive, but a node must not."""
+    """An ``Elsewhere`` in this process: costs less than as data arrive, but a node cannot stop that long."""
     outcome = work()
     return lambda: outcome
 
