@@ -165,9 +165,8 @@ class Magnetometer(Aid):
         """One row, phi_z; the tilt's variance adds to the noise, since a tilt error projects the vertical field."""
         assert o.decision is not None
         tilt_variance = f.P[PHI, PHI] + f.P[PHI + 1, PHI + 1]
-        x, y, z = o.measured
-        innovation, H = measurements.magnetic_heading(f.nav, len(f.P), x, y, z, self.declination + o.decision.reference)
-        return innovation, H, np.array([[self._variance + 4.0 * tilt_variance]])
+        z, H = measurements.magnetic_heading(f.nav, len(f.P), *o.measured, self.declination + o.decision.reference)
+        return z, H, np.array([[self._variance + 4.0 * tilt_variance]])
 
 
 @kernel
