@@ -78,3 +78,11 @@ def test_the_autopilots_own_estimate_is_read_in_our_axes(logs, tmp_path):
     assert opinion["from_solution_rms_m"] < 1.0
     assert opinion["inclination_rms_deg"] < 1.5
     assert opinion["heading_rms_deg"] < 6.0
+
+
+def test_a_flight_that_calibrates_nothing_says_what_is_missing(logs, tmp_path, capsys):
+    """GIVEN a flight that turns a lot, but not about all axes, THEN it is not blamed for too small angles."""
+    assert main(["calibrate", str(logs / "px4_3dr1.ulg"), "--out", str(tmp_path / "mag.yaml")]) == 2
+    error = capsys.readouterr().err
+    assert "the hard iron is known to" in error
+    assert "less than" not in error

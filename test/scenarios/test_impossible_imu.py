@@ -92,10 +92,10 @@ def test_an_accelerometer_with_half_the_range_does_not_align() -> None:
 
 @pytest.mark.parametrize("unit", [100.0, 1000.0 / G], ids=["cm/s^2", "milli-g"])
 def test_a_unit_whose_values_no_imu_reaches_is_named(unit: float) -> None:
-    """GIVEN cm/s^2 or mg WHEN every sample is refused THEN the status says so, and what it read."""
+    """GIVEN cm/s^2, mg or counts WHEN every sample is refused THEN the status says so, and what it read."""
     told = fly(read_as(accel=unit * SAME))
     assert told.estimator.status().mode in (Mode.WAITING_IMU, Mode.ALIGNING)
-    assert "cm/s^2 or mg" in told.estimator.status().waiting_for
+    assert "cm/s^2, mg or raw counts" in told.estimator.status().waiting_for
 
 
 def test_an_inverted_accelerometer_does_not_align() -> None:

@@ -64,7 +64,8 @@ def _look_at_motion(run: FilterRun) -> None:
     run.gnss.reception.velocity_scatter.second(run.clock.stamp(t))
     if is_aided:
         _doubt_the_position(run, t)
-    if not rests:
+    # to the IMU a smooth cruise looks like rest
+    if not rests or math.hypot(*whole.nav[at.VEL : at.VEL + 2].tolist()) > _GROUNDED:
         _doubt_repeated_fixes(run, t, is_aided)
     _doubt_the_body_velocity(run, t, is_aided)
     _watch_the_gyroscope(run, t, is_aided)

@@ -98,7 +98,8 @@ def _waiting_for(run: FilterRun) -> str:
         return run.modes.distrust_reason or refusal
     if not run.imu_physics.knows_anything and run.journal.counters["imu.rejected.force"] > _MANY:
         limit = run.parameters.imu.max_force
-        return f"IMU samples are refused, their specific force is above {limit:g} m/s^2: probably in cm/s^2 or mg."
+        unit = "probably in cm/s^2, mg or raw counts"
+        return f"IMU samples are refused, their specific force is above {limit:g} m/s^2: {unit}."
     if not run.imu_physics.knows_anything and run.journal.counters["imu.rejected.rate"] > _MANY:
         limit = run.parameters.imu.max_rate
         return f"IMU samples are refused, their angular rate is above {limit:g} rad/s: probably in deg/s."

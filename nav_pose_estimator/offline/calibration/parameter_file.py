@@ -16,6 +16,7 @@ from nav_pose_estimator.offline.calibration.rests import Rests, accelerometer_er
 from nav_pose_estimator.offline.flights.recording import Recording
 
 _FEWEST = 100  # smallest number of pairs
+_MUCH = 20.0  # deg in ``LAG``: the vehicle turned, but not about all axes
 _WORST = 15.0  # deg rms: largest residual of an accepted calibration
 _AXES = "xyz"
 
@@ -69,9 +70,14 @@ def parameter_file(fit: FieldFit, pairs: FieldPairs, rests: Rests, recordings: S
         )
     if fit.sees_iron.sum() < 2:
         angle = math.degrees(float(np.percentile(_angles(pairs), 90)))
+        why = f"nine tenths of the time less than {angle:.0f} deg in {LAG:.0f} s"
+        if angle > _MUCH:
+            why = (
+                f"the hard iron is known to {_numbers(fit.iron_sd, 0)} uT only: not about all axes, or currents disturb"
+            )
         raise UserError(
-            f"{names}: too little rotation to calibrate a magnetometer (nine tenths of the time less than "
-            f"{angle:.0f} deg in {LAG:.0f} s); turn the vehicle once around each of its axes"
+            f"{names}: too little rotation to calibrate a magnetometer ({why}); "
+            "turn the vehicle once around each of its axes"
         )
     lengths = ", ".join(f"{r.path.name} ({r.duration:.0f} s)" for r in recordings)
     comments = [
