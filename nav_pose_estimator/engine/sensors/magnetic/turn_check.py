@@ -113,7 +113,7 @@ def warm_up() -> None:
     """Compile the kernels: a turn of the field that the gyroscope measures with the wrong sign."""
     check, angles = TurnCheck(), np.zeros((BINS, 3))
     angles[:, 2] = 0.5 / BINS
-    for i in range(4 * _WINDOW):
-        check.field(0.5 * i, (math.cos(0.25 * i), math.sin(0.25 * i), 0.5))
     for k in range(2 * _WINDOW):
+        for t in (k - 0.5, float(k)):
+            check.field(t, (math.cos(0.5 * t), math.sin(0.5 * t), 0.5))
         check.second(k, lambda _: angles)
