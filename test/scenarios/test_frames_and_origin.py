@@ -104,8 +104,10 @@ def test_pain_14_a_covariance_is_known_or_not_and_never_invented(values: list[fl
     """GIVEN what drivers write WHEN it says something THEN that is R, else R is the value of the parameters."""
     fix = with_covariance(values, kind)
     assert (fix.cov_enu is not None) == knows
-    spoken = tell(flight(duration=60.0), samples=saying(fix.cov_enu), gnss__position_correlation=0.0)
-    silent = tell(flight(duration=60.0), samples=saying(None), gnss__position_correlation=0.0)
+    spoken = tell(
+        flight(duration=60.0), samples=saying(fix.cov_enu), gnss__position_correlation=0.0, gnss__delay_sd=0.0
+    )
+    silent = tell(flight(duration=60.0), samples=saying(None), gnss__position_correlation=0.0, gnss__delay_sd=0.0)
     assert np.isfinite(spoken.error).all()
     if knows:
         assert spoken.sigma[-1] > 1.3 * silent.sigma[-1]

@@ -27,7 +27,7 @@ def flight() -> Recording:
 
 @cache
 def fly(with_states: bool) -> Told:
-    return tell(flight(), learner__enabled=False, gnss__error_states=with_states)
+    return tell(flight(), learner__enabled=False, gnss__error_states=with_states, gnss__delay_sd=0.0)
 
 
 def test_sigma_is_that_of_the_place_and_not_of_the_fixes() -> None:
