@@ -25,7 +25,7 @@ from nav_pose_estimator.sim.scenarios import generate
 
 PACKAGE = Path(__file__).resolve().parents[1] / "nav_pose_estimator"
 NAMES = [entry.name for entries in SECTIONS.values() for entry in entries]
-TELLS = {"Event", "say", "count", "_event", "_note", "_tell", "_refuse", "Notice", "Decision", "Verdict"}
+TELLS = {"Event", "say", "count", "_event", "_note", "_refuse", "Notice", "Decision", "Verdict"}
 DOTTED = re.compile(r"(\*|[a-z_]+)(\.[a-z_0-9*]+)+")
 PREFIXES = re.compile(
     r"[a-z_]+\.(rejected|position|velocity)|gnss\.(fuse|usable|reset|reacquired)"

@@ -139,7 +139,7 @@ def coordinated_acceleration(
 ) -> Motion:
     """A multirotor without drag that tilts forward by ``tilt`` [rad] for ``length`` [s], then brakes for as long.
 
-    Its specific force is always along the z axis of b, so that a filter that takes it for the vertical believes to be
+    Its specific force is always along the z axis of b, so that a filter that takes it for the vertical stays
     level. At 15 deg its norm deviates from gravity by only 3.5 %.
     """
     knots = np.arange(0.0, start + 2.0 * length + 10.0, 0.002)
