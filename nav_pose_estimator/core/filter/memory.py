@@ -4,8 +4,6 @@ State, covariance, constants and checkpoints lie in one vector, so that a call f
 the vector has a fixed layout; P (n, n) follows at ``HEAD``, then the checkpoints, each a copy of ``nav`` and P.
 """
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
