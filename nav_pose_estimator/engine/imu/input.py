@@ -42,7 +42,7 @@ class ImuInput:
 
     def reset(self) -> None:
         """Forget all earlier samples."""
-        self._rules.memory = ImuMemory()
+        self._rules.memory = self._rules.memory.afresh()
 
     def passes(self, sample: ImuSample) -> bool:
         """Quick test of the usual case: True where :meth:`accept` would return the sample and no event.
