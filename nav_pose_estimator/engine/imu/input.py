@@ -96,6 +96,10 @@ class ImuInput:
         self._remember_end(block, (stamp, stamp))
         return True
 
+    def is_usual(self, block: ImuBlock) -> bool:
+        """Whether ``accept_block`` would return the ``block`` and no event; changes nothing."""
+        return self._block_passes(block) or self._quiet_since(block) is not None
+
     def accept_block(self, block: ImuBlock) -> list[ImuBlock | Event]:
         """Events of ``block`` and the accepted runs of its samples in body axes, in order."""
         if self.accept_whole(block):

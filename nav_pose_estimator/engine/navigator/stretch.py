@@ -45,14 +45,15 @@ _FIRST = operator.itemgetter(0)
 _ORDER = operator.attrgetter("observation.t", "observation.kind.precedence", "observation.arrival")
 
 
-def carry(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBlock]:
+def carry(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> list[Output]:
     """Propagate the filter, or its alignment, over IMU ``rows`` (N, 7) with stamps ``stamps_ns`` (N,) [ns].
 
-    After a failure of the filter, the remaining rows are left to its successor.
+    Returns solutions, and events ahead of those on which they bear. After a failure of the filter, the remaining rows
+    are left to its successor.
     """
     if rows[-1, at.IMU_T] < run.quiet_until:
-        return _blocks(run, stamps_ns, run.timeline.advance(rows))
-    blocks: list[NavBlock] = []
+        return [*run.journal.drain(), *_blocks(run, stamps_ns, run.timeline.advance(rows))]
+    outputs: list[Output] = []
     while len(rows):
         if not run.timeline.running:
             if rows[0, at.IMU_T] >= run.second_due:
@@ -62,11 +63,11 @@ def carry(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBl
         else:
             ahead = _in_one_mode(run, stamps_ns, rows)
             done = sum(len(block.stamps_ns) for block in ahead)
-            blocks += ahead
+            outputs += [*run.journal.drain(), *ahead]
         stamps_ns, rows = stamps_ns[done:], rows[done:]
         if run.failure:
             break
-    return blocks
+    return outputs
 
 
 def _in_one_mode(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBlock]:
@@ -123,7 +124,7 @@ class Backlog:
 
     def __init__(self, run: FilterRun) -> None:
         self.run = run
-        self._blocks: list[NavBlock] = []
+        self._outputs: list[Output] = []
         self._open = False
         self._waiting: list[ImuBlock] = []
         self._left = np.empty(0, np.int64), np.empty((0, at.IMU_COLUMNS))
@@ -208,11 +209,11 @@ class Backlog:
             waits = DVL.is_in(self.run.timeline.filter.constants)
         return waits and (self._open or self._opens())
 
-    def flown(self) -> tuple[list[NavBlock], np.ndarray, np.ndarray]:
-        """Process the backlog; returns all new solutions, and stamps and rows of the last stretch."""
+    def flown(self) -> tuple[list[Output], np.ndarray, np.ndarray]:
+        """Process the backlog; returns all new solutions and events, and stamps and rows of the last stretch."""
         self._fly()
-        blocks, self._blocks = self._blocks, []
-        return blocks, *self._left
+        outputs, self._outputs = self._outputs, []
+        return outputs, *self._left
 
     def _observe(self, o: Observation) -> bool:
         """Add an observation to the backlog. False where it cannot wait; the backlog has then been processed."""
@@ -236,6 +237,7 @@ class Backlog:
         if self._waiting:
             coming = self._fly_rows(*run.clock.rows_of(self._waiting), coming)
         self._waiting, self._periods, self._is_followed = [], [], False
+        run.quiet_until = -math.inf  # what has arrived since may have reset it already
         _hear(run, coming)
 
     def _fly_rows(self, stamps: np.ndarray, rows: np.ndarray, coming: list[Coming]) -> list[Coming]:
@@ -248,13 +250,13 @@ class Backlog:
             coming = _hear(run, coming)
             out, coming = self._leg(rows[done:], coming, done)
             if len(out):
-                self._blocks += _blocks(run, stamps[done : done + len(out)], out)
+                self._outputs += [*run.journal.drain(), *_blocks(run, stamps[done : done + len(out)], out)]
                 done += len(out)
                 continue
             coming = _hear(run, coming)
             heard = coming[0].behind if coming else count - done
             further = min(heard, 1) if _is_routine(run) else heard
-            self._blocks += carry(run, stamps[done : done + further], rows[done : done + further])
+            self._outputs += carry(run, stamps[done : done + further], rows[done : done + further])
             done += further
             coming = [Coming(one.behind - further, one.observation) for one in coming]
         reception.fix_period = period_now
