@@ -145,3 +145,17 @@ def test_restore_brings_back_the_memory():
     door.accept(sample(1))
     door.restore(saved)
     assert isinstance(door.accept(sample(1))[0], ImuSample)
+
+
+def test_what_has_been_said_is_not_said_again_after_a_reset_or_by_a_copy():
+    """GIVEN an IMU one sample of which is NaN, in a sentence, WHEN the memory is reset or restored in another input
+    THEN a further such sample is only counted."""
+    door, other = ImuInput(ImuParameters()), ImuInput(ImuParameters())
+    first = door.accept(sample(1, gyro=(math.nan, 0, 0)))[0]
+    assert first.text
+    door.reset()
+    other.restore(door.snapshot())
+    for one in (door, other):
+        again = one.accept(sample(2, gyro=(math.nan, 0, 0)))[0]
+        assert again.name == first.name
+        assert not again.text

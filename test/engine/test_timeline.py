@@ -46,9 +46,9 @@ def imu_rows(seconds: float, seed: int = 3) -> np.ndarray:
     return rows
 
 
-def started(sampling: str = "mean") -> Timeline:
+def started(sampling: str = "mean", window: float = 1.5) -> Timeline:
     parameters = update(Parameters(), {"imu.sampling": sampling})
-    timeline = Timeline(filter_setup.constants(parameters, NoiseIdentification()), apply, window=1.5)
+    timeline = Timeline(filter_setup.constants(parameters, NoiseIdentification()), apply, window)
     nav = np.zeros(at.NAV_SIZE)
     nav[at.LAT : at.VEL] = LAT, LON, ALT
     nav[at.QUAT] = 1.0
@@ -179,3 +179,13 @@ def test_what_acts_behind_a_row_does_not_act_ahead_of_it() -> None:
     before = told.advance(rows[:81])
     told.observe(second)
     np.testing.assert_array_equal(known.advance(rows), np.concatenate([before, told.advance(rows[81:])]))
+
+
+@pytest.mark.parametrize("block", [1, 7, 400])
+def test_rows_of_the_last_second_and_a_half_are_known_with_a_short_memory(block: int) -> None:
+    """GIVEN a memory of 0.3 s WHEN rows come one by one or in blocks THEN the past that a look back needs is known."""
+    timeline, rows = started(window=0.3), imu_rows(3.0)
+    for part in np.split(rows, range(block, len(rows), block)):
+        timeline.advance(part)
+    since = timeline.filter.time - 1.5
+    np.testing.assert_array_equal(timeline.rows_since(since), rows[rows[:, 0] > since])

@@ -100,6 +100,22 @@ def test_a_warm_start_takes_less_than_three_seconds_and_is_where_the_vehicle_is(
     assert "resume.begun" in again.names()
 
 
+def test_a_law_of_drag_does_not_keep_the_state_from_being_saved():
+    """GIVEN the method drag, whose law is no network that could be saved WHEN it has been fitted THEN the state is
+    saved without it, and a process that continues has the flight to fit it again."""
+    recording, parameters = flight("multirotor_light", END), update(Parameters(), {"learner.method": "drag"})
+    first, second = PoseEstimator(parameters), PoseEstimator(parameters)
+    first.feed_all(within(recording, 0.0, KILLED))
+    assert first.outage_aid is not None
+    assert first.outage_aid.learner.state.model is not None
+    arrays = arrays_of(first)
+    assert arrays is not None
+    resume(second, arrays)
+    second.feed_all(within(recording, BACK, END))
+    assert second.outage_aid is not None
+    assert second.outage_aid.learner.state.model is not None
+
+
 def test_without_a_saved_state_the_same_restart_is_silent_for_ten_seconds_and_moves_the_axes():
     """GIVEN the same kill WHEN nothing was saved THEN this is what a warm start is worth."""
     recording = flight("multirotor_light", END)

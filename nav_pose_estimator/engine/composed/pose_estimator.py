@@ -19,7 +19,7 @@ from nav_pose_estimator.engine.navigator import stretch
 from nav_pose_estimator.engine.navigator.go_back import UNDONE
 from nav_pose_estimator.engine.navigator.heading_trial import TURNED
 from nav_pose_estimator.engine.navigator.modes import LEVELLING
-from nav_pose_estimator.engine.navigator.sins import SinsEngine
+from nav_pose_estimator.engine.navigator.sins import SinsEngine, goes_on_over
 from nav_pose_estimator.engine.outage.aid import OutageAid
 from nav_pose_estimator.engine.outage.epochs import last_stamp
 from nav_pose_estimator.engine.outage.methods.registry import estimators
@@ -69,6 +69,7 @@ class Snapshot:
     attitude: Any
     outage_aid: OutageAid | None
     clock: ExchangeClock
+    levels: bool
 
 
 class PoseEstimator:
@@ -93,6 +94,9 @@ class PoseEstimator:
         self.outage_aid = OutageAid(learner, train, rehearse) if helps else None
         self._clock = ExchangeClock()
         self._ahead = _EPOCH if helps else _SECOND
+        # Whether the navigator gets the attitude of each sample while it levels. That begins only where every piece
+        # ends, so that a navigator which starts again amid a piece gets none of its samples, however they are fed.
+        self._levels = True
 
     def feed(self, sample: Sample) -> list[Output]:
         """Take one sample; returns solutions and events in order: attitude first, then navigation."""
@@ -118,14 +122,17 @@ class PoseEstimator:
                     continue
             run = self.sins.run
             waiting = [run.clock.stamp(one.t) for one in run.timeline.queue.waiting()]
-            count = sensor_batch.length(samples, done, waiting)
-            together, done = samples[done : done + count], done + count
-            if count > 1 and self.sins.mode not in LEVELLING:
-                batch = SensorBatch.of(together)
+            count = sensor_batch.length(samples, done, waiting, run.parameters.aids.water_density > 0.0)
+            is_joined = count > 1 and self.sins.mode not in LEVELLING
+            batch = SensorBatch.of(samples[done : done + count]) if is_joined else None
+            if batch is not None and goes_on_over(self.sins, batch.imu):
                 for a, b in self._pieces(batch.imu):
-                    outputs += self._feed([_part(batch.imu, a, b)], batch.early(a, b))
-                together = batch.after
-            outputs += [output for sample in together for output in self.feed(sample)]
+                    outputs += _take_piece(self, _part(batch.imu, a, b), batch.early(a, b))
+                outputs += [output for sample in batch.after for output in self.feed(sample)]
+                done += count
+            else:
+                outputs += self.feed(samples[done])
+                done += 1
         return outputs
 
     def _gather(self, samples: Sequence[Sample], first: int, outputs: list[Output]) -> int:
@@ -157,15 +164,10 @@ class PoseEstimator:
         return done - first
 
     def _pieces(self, block: ImuBlock) -> Iterator[tuple[int, int]]:
-        """Cuts a block for processing; a navigator that is levelling needs the attitude of each sample.
-
-        It may begin to level within the block, at the first sample after a gap.
-        """
+        """Cuts a block for processing; a navigator that is levelling needs the attitude of each sample."""
         for a, b in self._clock.pieces(block, _EPOCH):
-            if self.attitude is not None and self.sins.mode in LEVELLING:
-                yield from itertools.pairwise(range(a, len(block) + 1))
-                return
-            yield a, b
+            alone = self.attitude is not None and self._levels
+            yield from itertools.pairwise(range(a, b + 1)) if alone else ((a, b),)
 
     def _feed(self, samples: Sequence[Sample], early: Early = ()) -> list[Output]:
         """Take samples that the navigator may process before the attitude filter, or one block with ``early`` ones."""
@@ -175,13 +177,14 @@ class PoseEstimator:
             return []
         solutions = sensor_batch.feed_ahead(self.sins, samples[0], early) if early else []
         solutions += self.sins.feed(samples[0]) if len(samples) == 1 else self.sins.feed_all(samples)
+        before = self._clock.period // self._ahead
         outputs = _attitudes(self.attitude, self._clock, samples, early, solutions)
-        if self.sins.mode in LEVELLING:
+        if self._levels and self.sins.mode in LEVELLING:
             solutions += [event for tilt in _tilts(outputs) for event in self.sins.feed(tilt)]
+        may_end = self._clock.period // self._ahead != before
+        self._levels = self.sins.mode in LEVELLING and (self._levels or may_end)
         outputs += solutions
         if self.outage_aid is not None:
-            if any(isinstance(one, Event) and one.name in _ANOTHER_STATE for one in solutions):
-                self.outage_aid.reset()  # what it has learned so far is based on a wrong state
             for sample in (*(other for _, other in early), *samples):
                 self.outage_aid.hear(sample)
             outputs += _helped(self.outage_aid, self.sins, solutions)
@@ -216,7 +219,7 @@ class PoseEstimator:
 
     def reset(self, stamp_ns: int, reason: str) -> list[Output]:
         """Restart all estimators; returns the events."""
-        self._clock = ExchangeClock()
+        self._clock, self._levels = ExchangeClock(), True
         if self.outage_aid is not None:
             self.outage_aid.reset()
         attitude = [] if self.attitude is None else self.attitude.reset(stamp_ns, reason)
@@ -236,6 +239,7 @@ class PoseEstimator:
             attitude=None if self.attitude is None else self.attitude.snapshot(),
             outage_aid=None if self.outage_aid is None else self.outage_aid.copy(),
             clock=replace(self._clock),
+            levels=self._levels,
         )
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -245,7 +249,14 @@ class PoseEstimator:
             self.attitude.restore(snapshot.attitude)
         if self.outage_aid is not None and snapshot.outage_aid is not None:
             self.outage_aid = snapshot.outage_aid.copy()
-        self._clock = replace(snapshot.clock)
+        self._clock, self._levels = replace(snapshot.clock), snapshot.levels
+
+
+def _take_piece(estimator: PoseEstimator, block: ImuBlock, early: Early) -> list[Output]:
+    """Feed a piece of a batch with its ``early`` samples ahead of it, or in order where the navigator aligns again."""
+    if estimator.mode not in LEVELLING:
+        return estimator._feed([block], early)
+    return [output for each in _in_order(block, early) for output in estimator._feed([each])]
 
 
 def _attitudes(
@@ -326,6 +337,8 @@ def _helped(aid: OutageAid, sins: SinsEngine, solutions: list[Output]) -> list[O
     """Pass ``solutions`` to the outage aid and, in an outage, its evidence to the navigator; returns new outputs."""
     outputs: list[Output] = []
     for solution in solutions:
+        if isinstance(solution, Event) and solution.name in _ANOTHER_STATE:
+            aid.reset()  # what it has learned so far is based on a wrong state
         if not isinstance(solution, (NavBlock, NavSolution)):
             continue
         samples, drift = aid.step(solution, sins)

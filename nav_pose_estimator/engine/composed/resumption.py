@@ -34,8 +34,8 @@ def arrays_of(estimator: PoseEstimator) -> dict[str, np.ndarray] | None:
     if state is None:
         return None
     arrays, aid = state.arrays(), estimator.outage_aid
-    if aid is not None and aid.learner.state.model is not None:
-        arrays.update({_MODEL + name: value for name, value in aid.learner.arrays().items()})
+    if aid is not None:
+        arrays.update({_MODEL + name: value for name, value in _model_of(aid.learner).items()})
     if aid is not None and len(aid.learner.state.memory):
         arrays[_FLIGHT] = aid.learner.state.memory.last(_FLOWN)
     if aid is not None and aid.rehearsals.count:
@@ -72,6 +72,14 @@ def resume(estimator: PoseEstimator, arrays: Mapping[str, np.ndarray]) -> None:
         return twin
 
     estimator.sins.resume = begin
+
+
+def _model_of(learner: OutageLearner) -> Mapping[str, np.ndarray]:
+    """Arrays of the model; none without one, and of a drag law or an airframe file, which need no saving."""
+    try:
+        return learner.arrays()
+    except UserError:
+        return {}
 
 
 def _named(arrays: Mapping[str, np.ndarray], beginning: str) -> dict[str, np.ndarray]:

@@ -56,16 +56,18 @@ class SensorBatch:
         return [(place - begin, sample) for place, sample in self.others if begin <= place < end]
 
 
-def length(samples: Sequence[Sample], first: int, waiting: Collection[int] = ()) -> int:
+def length(samples: Sequence[Sample], first: int, waiting: Collection[int] = (), in_water: bool = False) -> int:
     """Number of ``samples`` from ``first`` on that can form a batch, at least one.
 
-    ``waiting``: times of validity [ns] of observations that the navigator already has ahead of the IMU.
+    ``waiting``: times of validity [ns] of observations that the navigator already has ahead of the IMU. ``in_water``:
+    pressures are of the water, and the first of them changes the filter's states on arrival.
     """
     block = samples[first]
     if not isinstance(block, ImuBlock) or not _is_steady(block):
         return 1
     begin, last = int(block.stamps_ns[0]), int(block.stamps_ns[-1])
     ahead = set(waiting)  # ns: times of what is valid after the IMU sample behind which it arrived
+    quiet = MagSample if in_water else _QUIET
     for count in range(1, len(samples) - first):
         sample = samples[first + count]
         if isinstance(sample, ImuBlock):
@@ -73,7 +75,7 @@ def length(samples: Sequence[Sample], first: int, waiting: Collection[int] = ())
             if not (follows and sample.stamps_ns[-1] - begin <= _LONGEST_NS and _is_steady(sample)):
                 return count
             last = int(sample.stamps_ns[-1])
-        elif not isinstance(sample, _QUIET) or not last <= sample.stamp_ns <= last + _AHEAD_NS:
+        elif not isinstance(sample, quiet) or not last <= sample.stamp_ns <= last + _AHEAD_NS:
             return count
         elif sample.stamp_ns > last:
             ahead.add(sample.stamp_ns)

@@ -45,7 +45,7 @@ class ImuInput:
 
     def reset(self) -> None:
         """Forget all earlier samples."""
-        self._rules.memory = ImuMemory()
+        self._rules.memory = self._rules.memory.afresh()
 
     def passes(self, sample: ImuSample) -> bool:
         """Quick test of the usual case: True where :meth:`accept` would return the sample and no event.
@@ -92,6 +92,10 @@ class ImuInput:
         stamp = int(block.stamps_ns[-1])
         self._remember_end(block, (stamp, stamp))
         return True
+
+    def is_usual(self, block: ImuBlock) -> bool:
+        """Whether ``accept_block`` would return the ``block`` and no event; changes nothing."""
+        return self._block_passes(block) or self._quiet_since(block) is not None
 
     def accept_block(self, block: ImuBlock) -> list[ImuBlock | Event]:
         """Events of ``block`` and the accepted runs of its samples in body axes, in order."""

@@ -1,8 +1,7 @@
 """Rules for single IMU samples: rejection, gaps and clock jumps, stuck and saturated sensors."""
 
 import math
-from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from nav_pose_estimator.engine.parameters.imu import ImuParameters
 from nav_pose_estimator.engine.samples import ImuSample, Vector3
@@ -46,6 +45,11 @@ class ImuMemory:
     stuck: bool = False
     clipped: tuple[int, ...] = 2 * NOT_CLIPPED  # per axis: consecutive equal values, 0 within the usual ranges
     saturated: bool = False
+    seen: dict[str, int] = field(default_factory=dict)  # number of events by name, of which only some have a sentence
+
+    def afresh(self) -> "ImuMemory":
+        """A memory without samples."""
+        return ImuMemory(seen=self.seen)
 
 
 class ImuRules:
@@ -55,7 +59,6 @@ class ImuRules:
         self._limits = parameters
         self.max_gap_ns = round(parameters.max_gap * 1e9)
         self.stuck_ns = round(parameters.stuck_time * 1e9)
-        self._seen: Counter[str] = Counter()
         self.memory = ImuMemory()
 
     def judge(self, sample: ImuSample) -> tuple[bool, list[Event]]:
@@ -64,7 +67,7 @@ class ImuRules:
         if refusal is not None:
             if refusal.name not in RESTARTS:
                 return False, [refusal]
-            self.memory = ImuMemory()
+            self.memory = self.memory.afresh()
             good, events = self.judge(sample)
             return good, [refusal, *events]
         memory = self.memory
@@ -187,8 +190,8 @@ class ImuRules:
 
     def _event(self, stamp: int, name: str, text: str, level: Level = Level.WARN, **data: float) -> Event:
         """An event, with its sentence only the 1st, 10th, 100th ... time; events of a restart always have one."""
-        self._seen[name] += 1
-        is_reported = name in RESTARTS or math.log10(self._seen[name]).is_integer()
+        count = self.memory.seen[name] = self.memory.seen.get(name, 0) + 1
+        is_reported = name in RESTARTS or math.log10(count).is_integer()
         return Event(stamp, name, level if is_reported else Level.DEBUG, text if is_reported else "", data)
 
 

@@ -48,8 +48,8 @@ class SinsEngine:
     # --- public ------------------------------------------------------------------------------------------------------
 
     def feed(self, sample: Sample) -> list[Output]:
-        """Process one sample; returns the solutions and events that follow from it."""
-        outputs: Sequence[Output] = ()
+        """Process one sample; returns solutions, and events ahead of those on which they bear."""
+        outputs: list[Output] = []
         if isinstance(sample, ImuSample):
             outputs = self._on_sample(sample)
         elif isinstance(sample, ImuBlock):
@@ -57,7 +57,8 @@ class SinsEngine:
         else:
             intake.take(self.run, sample)
             self.run = _without_wrong_velocities(self.run)
-        return [*self.journal.drain(), *outputs]
+        events = self.journal.drain()
+        return [*outputs, *events] if events else outputs
 
     def feed_all(self, samples: Sequence[Sample]) -> list[Output]:
         """Process samples in order of arrival; the results are those of ``feed``, in fewer and longer blocks."""
@@ -133,7 +134,7 @@ class SinsEngine:
 
     # --- IMU ---------------------------------------------------------------------------------------------------------
 
-    def _on_sample(self, sample: ImuSample) -> list[NavSolution]:
+    def _on_sample(self, sample: ImuSample) -> list[Output]:
         run = self.run
         t = (sample.stamp_ns - run.clock.zero_ns) * NS
         if t < run.quiet_until and self._input.passes(sample):
@@ -141,12 +142,13 @@ class SinsEngine:
             in_body = sample if mounting.is_none else mounting.sample(sample)
             values = run.timeline.advance_one(t, in_body.gyro, in_body.accel)
             return [NavSolution(sample.stamp_ns, run.modes.mode, values, run.timeline.shift, run.gnss.position.resets)]
-        blocks = self._carry(self._input.accept(sample))
-        return [solution_at_end(self.run, block) for block in blocks]  # of one sample, at which the filter stands
+        outputs = self._carry(self._input.accept(sample))
+        # a block is of one sample, at which the filter stands
+        return [solution_at_end(self.run, one) if isinstance(one, NavBlock) else one for one in outputs]
 
-    def _carry(self, items: list[ImuSample | Event] | list[ImuBlock | Event]) -> list[NavBlock]:
+    def _carry(self, items: list[ImuSample | Event] | list[ImuBlock | Event]) -> list[Output]:
         """Process the output of the IMU input in order: samples, and events, which may end the run."""
-        blocks: list[NavBlock] = []
+        outputs: list[Output] = []
         for item in items:
             if isinstance(item, Event):
                 self.journal.add(item)
@@ -157,17 +159,18 @@ class SinsEngine:
                 resume, self.resume = self.resume, None
                 self.run = resume(self.run, item.stamp_ns if isinstance(item, ImuSample) else int(item.stamps_ns[0]))
             stamps_ns, rows = self.run.clock.imu_rows(item)
-            blocks += self._go_on(stretch.carry(self.run, stamps_ns, rows), stamps_ns, rows)
-        return blocks
+            outputs += self._go_on(stretch.carry(self.run, stamps_ns, rows), stamps_ns, rows)
+        return outputs
 
-    def _go_on(self, ahead: list[NavBlock], stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBlock]:
-        """Solutions of IMU ``rows``, of which ``ahead`` are those up to a failure of the filter, if it has failed.
+    def _go_on(self, ahead: list[Output], stamps_ns: np.ndarray, rows: np.ndarray) -> list[Output]:
+        """Outputs of IMU ``rows``, of which ``ahead`` are those up to a failure of the filter, if it has failed.
 
         A failed filter is replaced by a fresh one, which processes the remaining rows.
         """
-        blocks = ahead
+        outputs = ahead
         while self.run.failure:
-            last = int(ahead[-1].stamps_ns[-1] if ahead else stamps_ns[0])  # an alignment stops after one row
+            ends = [int(one.stamps_ns[-1]) for one in ahead if isinstance(one, NavBlock)]
+            last = ends[-1] if ends else int(stamps_ns[0])  # an alignment stops after one row
             done = int(stamps_ns.searchsorted(last, side="right"))
             stamps_ns, rows = stamps_ns[done:], rows[done:]
             clock = self.run.clock  # engine time continues
@@ -175,8 +178,14 @@ class SinsEngine:
             self.run = _afresh(self, last, self.run.failure)
             self.run.clock = clock
             ahead = stretch.carry(self.run, stamps_ns, rows) if len(rows) else []
-            blocks = [*blocks, *ahead]
-        return blocks
+            outputs = [*outputs, *ahead]
+        return outputs
+
+
+def goes_on_over(engine: SinsEngine, block: ImuBlock) -> bool:
+    """Whether the navigator will not start again within ``block``: nothing is wrong with it, and no fix waits."""
+    waiting = engine.run.timeline.queue.waiting()
+    return engine._input.is_usual(block) and not any(one.kind.whole for one in waiting)
 
 
 def solution_at_end(run: FilterRun, block: NavBlock) -> NavSolution:
@@ -192,8 +201,7 @@ def _on_block(engine: SinsEngine, backlog: stretch.Backlog, block: ImuBlock, pas
     whole = items[0] if len(items) == 1 else None
     if isinstance(whole, ImuBlock) and engine.resume is None and backlog.is_open():
         return _let_wait(engine, backlog, whole)
-    outputs, blocks = _flown(engine, backlog), engine._carry(items)
-    return [*outputs, *engine.journal.drain(), *blocks]
+    return [*_flown(engine, backlog), *engine._carry(items)]
 
 
 def _let_wait(engine: SinsEngine, backlog: stretch.Backlog, block: ImuBlock) -> list[Output]:
@@ -213,8 +221,7 @@ def _let_wait(engine: SinsEngine, backlog: stretch.Backlog, block: ImuBlock) -> 
 
 def _flown(engine: SinsEngine, backlog: stretch.Backlog) -> list[Output]:
     """Process the whole backlog; returns solutions and events."""
-    blocks = engine._go_on(*backlog.flown())
-    return [*engine.journal.drain(), *blocks]
+    return [*engine._go_on(*backlog.flown()), *engine.journal.drain()]
 
 
 def _after(engine: SinsEngine, event: Event) -> FilterRun:

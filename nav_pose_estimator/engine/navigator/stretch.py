@@ -44,14 +44,15 @@ _FIRST = operator.itemgetter(0)
 _ORDER, _ARRIVAL = operator.attrgetter("t", "kind.precedence", "arrival"), operator.attrgetter("arrival")
 
 
-def carry(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBlock]:
+def carry(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> list[Output]:
     """Propagate the filter, or its alignment, over IMU ``rows`` (N, 7) with stamps ``stamps_ns`` (N,) [ns].
 
-    After a failure of the filter, the remaining rows are left to its successor.
+    Returns solutions, and events ahead of those on which they bear. After a failure of the filter, the remaining rows
+    are left to its successor.
     """
     if rows[-1, at.IMU_T] < run.quiet_until:
-        return _blocks(run, stamps_ns, run.timeline.advance(rows))
-    blocks: list[NavBlock] = []
+        return [*run.journal.drain(), *_blocks(run, stamps_ns, run.timeline.advance(rows))]
+    outputs: list[Output] = []
     while len(rows):
         if not run.timeline.running:
             if rows[0, at.IMU_T] >= run.second_due:
@@ -61,11 +62,11 @@ def carry(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBl
         else:
             ahead = _in_one_mode(run, stamps_ns, rows)
             done = sum(len(block.stamps_ns) for block in ahead)
-            blocks += ahead
+            outputs += [*run.journal.drain(), *ahead]
         stamps_ns, rows = stamps_ns[done:], rows[done:]
         if run.failure:
             break
-    return blocks
+    return outputs
 
 
 def _in_one_mode(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBlock]:
@@ -122,7 +123,7 @@ class Backlog:
 
     def __init__(self, run: FilterRun) -> None:
         self.run = run
-        self._blocks: list[NavBlock] = []
+        self._outputs: list[Output] = []
         self._open = False
         self._waiting: list[ImuBlock] = []
         self._left = np.empty(0, np.int64), np.empty((0, at.IMU_COLUMNS))
@@ -211,11 +212,11 @@ class Backlog:
             waits = kind in _WAIT
         return waits and (self._open or self._opens())
 
-    def flown(self) -> tuple[list[NavBlock], np.ndarray, np.ndarray]:
-        """Process the backlog; returns all new solutions, and stamps and rows of the last stretch."""
+    def flown(self) -> tuple[list[Output], np.ndarray, np.ndarray]:
+        """Process the backlog; returns all new solutions and events, and stamps and rows of the last stretch."""
         self._fly()
-        blocks, self._blocks = self._blocks, []
-        return blocks, *self._left
+        outputs, self._outputs = self._outputs, []
+        return outputs, *self._left
 
     def _observe(self, o: Observation) -> bool:
         """Add an observation to the backlog. False where it cannot wait; the backlog has then been processed."""
@@ -241,14 +242,17 @@ class Backlog:
         run.journal.before_next(None)
         self._open = False
         coming, self._coming = self._coming, []
+        done = 0
         if self._waiting:
-            self._fly_rows(*run.clock.rows_of(self._waiting), coming)
-        else:
-            _hear(run, coming, 0)
+            coming, done = self._fly_rows(*run.clock.rows_of(self._waiting), coming)
         self._waiting, self._periods, self._is_followed, self._some_late = [], [], False, False
+        run.quiet_until = -math.inf  # what has arrived since may have reset it already
+        _hear(run, coming, done)
 
-    def _fly_rows(self, stamps: np.ndarray, rows: np.ndarray, coming: list[Observation]) -> None:
-        """Process IMU ``rows`` (N, 7) and the observations that arrived ahead of, between and behind them."""
+    def _fly_rows(
+        self, stamps: np.ndarray, rows: np.ndarray, coming: list[Observation]
+    ) -> tuple[list[Observation], int]:
+        """Process IMU ``rows`` (N, 7); returns the observations that arrived behind them, and how many were processed."""
         run, self._left = self.run, (stamps, rows)
         reception, done, count, self._count = run.gnss.reception, 0, self._count, 0
         period_now = reception.fix_period
@@ -258,15 +262,15 @@ class Backlog:
             out, coming = self._leg(rows, coming, done)
             if len(out):
                 end = done + len(out)
-                self._blocks += _blocks(run, stamps[done:end], out)
+                self._outputs += [*run.journal.drain(), *_blocks(run, stamps[done:end], out)]
             else:
                 coming = _hear(run, coming, done)
                 end = coming[0].rows_ahead if coming else count
                 end = min(end, done + 1) if _is_routine(run) else end
-                self._blocks += carry(run, stamps[done:end], rows[done:end])
+                self._outputs += carry(run, stamps[done:end], rows[done:end])
             done = end
         reception.fix_period = period_now
-        _hear(run, coming, done)
+        return coming, done
 
     def _leg(self, rows: np.ndarray, coming: list[Observation], done: int) -> tuple[np.ndarray, list[Observation]]:
         """Process rows from ``done`` on as far as the routine goes; returns output rows and remaining observations."""

@@ -24,6 +24,7 @@ from nav_pose_estimator.engine.sensors.routine.routine import Routine, moved
 
 _CHECKPOINT_PERIOD = 0.05  # s between checkpoints: a replay begins at most so much before the late observation
 _TIDY_PERIOD = 0.2  # s between two removals of old rows, observations and checkpoints
+_KNOWN = 1.5  # s of IMU rows that are known at any time, whatever the memory, splits and the division into blocks
 
 
 class Timeline:
@@ -73,10 +74,10 @@ class Timeline:
     def remember(self, rows: np.ndarray) -> None:
         """Keep IMU ``rows`` (N, 7) while no filter runs: an alignment at a past time is later propagated over them."""
         self.imu.append(rows)
-        self.imu.drop_before(rows[-1, IMU_T] - self._window)
+        self.imu.drop_before(rows[-1, IMU_T] - max(self._window, _KNOWN))
 
     def rows_since(self, t: float) -> np.ndarray:
-        """The IMU rows (N, 7) after ``t`` [s], as far as the memory reaches; read-only."""
+        """The IMU rows (N, 7) after ``t`` [s], of the last 1.5 s at least; read-only."""
         return self.imu.recent(t)
 
     # --- input -------------------------------------------------------------------------------------------------------
@@ -221,7 +222,6 @@ class Timeline:
         if restructured:
             # no replay can begin before a split or a union: the checkpoint here includes all that acted at its time
             self.filter.renew_checkpoints()
-            self._tidy_at = -math.inf  # ``rows_since`` reaches back to here, whatever the division into blocks
 
     def tidy(self) -> None:
         """Drop old data if it is time to."""
@@ -236,7 +236,7 @@ class Timeline:
         now = self.filter.time
         oldest = self.filter.forget_before(now - self._window)
         self.queue.forget(oldest)
-        self.imu.drop_before(oldest)
+        self.imu.drop_before(min(oldest, now - _KNOWN))
         self._tidy_at = now + _TIDY_PERIOD
         return oldest
 

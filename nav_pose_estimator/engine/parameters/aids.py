@@ -71,7 +71,5 @@ class AidParameters:
     range_sd: float = param(
         0.1, "m", "Lower bound on the deviation of a distance to the ground", 0.01, 10.0, mutable=True
     )
-    zero_velocity: bool = param(
-        True, "", "Hold the velocity at zero while the vehicle is certain to be at rest; needs navigator.memory of 1 s"
-    )
+    zero_velocity: bool = param(True, "", "Hold the velocity at zero while the vehicle is certain to be at rest")
     zero_velocity_sd: float = param(0.05, "m/s", "Deviation of the velocity at rest", 0.001, 1.0, mutable=True)

@@ -26,15 +26,17 @@ class PositionMonitors:
         self._journal, self._rounding, self._scatter = journal, rounding, scatter
         self.other_motion, self.latency = OtherMotion(journal), Latency(journal)
         self._walk_off, self._two_places, self._rest_drift = WalkOff(), TwoPlaces(), RestDrift()
+        # which of the tests of single fixes have a finding; once a second, because fixes act many at once in a replay
+        self._found: list[WalkOff | TwoPlaces] = []
         self._speed = math.inf  # m/s, of the receiver at the last used fix
         self._last_drift = math.nan  # s: when fixes last drifted away; NaN once that has ended
 
     @property
     def is_on(self) -> bool:
-        """Whether any of the monitors has a finding."""
-        if self._two_places.apart > 0.0 or self._rounding.is_on or self._scatter.is_on or self._rest_drift.is_on:
+        """Whether any of the monitors has a finding, which has acted on the filter from the last second on."""
+        if self._found or self._rounding.is_on or self._scatter.is_on or self._rest_drift.is_on:
             return True
-        return self.other_motion.is_on or self.latency.is_on or self._walk_off.is_on
+        return self.other_motion.is_on or self.latency.is_on
 
     def least_sd(self, speed: float) -> tuple[float, float, float]:
         """Floors of the standard deviations of position [m], horizontal and vertical, and horizontal velocity [m/s].
@@ -44,7 +46,7 @@ class PositionMonitors:
         position, velocity_sd = self.other_motion.least_sd()
         latency = self.latency.least_sd(speed)
         horizontal, vertical = self._scatter.least_sd
-        others = (test.least_sd for test in (self._walk_off, self._two_places, self._rounding, self._rest_drift))
+        others = (test.least_sd for test in (*self._found, self._rounding, self._rest_drift))
         return max(position, latency, horizontal, *others), max(position, vertical), velocity_sd
 
     def reason(self) -> str:
@@ -56,6 +58,8 @@ class PositionMonitors:
     def second(self, t: float, is_still: bool) -> None:
         """Process a second up to ``t`` [s] in which the IMU shows rest, or not."""
         self._rest_drift.second(t, is_still and self._speed < _REST_SPEED)
+        tests: tuple[WalkOff | TwoPlaces, ...] = (self._walk_off, self._two_places)
+        self._found = [test for test in tests if test.least_sd > 0.0]
 
     def fix(self, east: float, north: float, stamp_ns: int) -> None:
         """Process a fix, used or not, that is this far [m] (East, North) from the navigator."""
