@@ -252,7 +252,7 @@ class Backlog:
     def _fly_rows(
         self, stamps: np.ndarray, rows: np.ndarray, coming: list[Observation]
     ) -> tuple[list[Observation], int]:
-        """Process IMU ``rows`` (N, 7); returns the observations that arrived behind them, and how many are processed."""
+        """Process IMU ``rows`` (N, 7); returns the observations that arrived behind them, and how many were flown."""
         run, self._left = self.run, (stamps, rows)
         reception, done, count, self._count = run.gnss.reception, 0, self._count, 0
         period_now = reception.fix_period
