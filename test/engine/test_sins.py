@@ -174,6 +174,27 @@ def test_after_a_gap_it_goes_on_and_after_a_minute_it_starts_again(flight: Recor
     assert engine.mode is Mode.AIDED
 
 
+@pytest.mark.parametrize("harm", ["speed", "variance"])
+def test_a_filter_that_diverges_while_aided_starts_again(flight: Recording, harm: str) -> None:
+    """GIVEN fixes that are used WHEN the filter's speed is beyond all receivers', or its covariance impossible
+    THEN within a second it starts again, and says why."""
+    engine, outputs = PoseEstimator(Parameters()), []
+    for sample in flight.samples():
+        if isinstance(sample, ImuBlock) and seconds(flight, sample) >= 60.0 and harm:
+            whole = engine.sins.run.timeline.filter
+            if harm == "speed":
+                whole.nav[at.VEL] = 2000.0
+            else:
+                whole.P[at.BASE_STATES - 1, at.BASE_STATES - 1] = -1e-3
+            harm = ""
+        outputs += engine.feed(sample)
+        if seconds(flight, sample) > 62.0:
+            break
+    text = next(o.text for o in outputs if isinstance(o, Event) and o.name == "reset")
+    assert "diverged" in text
+    assert not any(np.isnan(block.rows).any() for block in outputs if isinstance(block, NavBlock))
+
+
 def test_a_second_lap_equals_the_first(flight: Recording) -> None:
     """GIVEN a recording WHEN it is played twice in a row THEN the time jump resets all and lap two equals lap one."""
     samples = [s for s in flight.samples() if not seconds(flight, s) > 60.0]
