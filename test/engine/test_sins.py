@@ -174,6 +174,21 @@ def test_after_a_gap_it_goes_on_and_after_a_minute_it_starts_again(flight: Recor
     assert engine.mode is Mode.AIDED
 
 
+def test_the_last_solution_of_a_failed_filter_has_its_own_covariance(flight: Recording) -> None:
+    """GIVEN single samples WHEN the filter fails THEN its last solution does not have the next filter's covariance."""
+    engine = SinsEngine()
+    solutions: list[NavSolution] = []
+    for sample in one_by_one(flight.samples()):
+        if len(solutions) == 3000:
+            engine.run.imu_failure = "no IMU"
+            engine.run.quiet_until = -math.inf
+        solutions += [one for one in engine.feed(sample) if isinstance(one, NavSolution)]
+        if len(solutions) > 3000:
+            break
+    before, last = (np.sqrt(np.diag(one.cov)) for one in solutions[-2:])
+    np.testing.assert_allclose(last, before, rtol=0.1)
+
+
 @pytest.mark.parametrize("harm", ["speed", "variance"])
 def test_a_filter_that_diverges_while_aided_starts_again(flight: Recording, harm: str) -> None:
     """GIVEN fixes that are used WHEN the filter's speed is beyond all receivers', or its covariance impossible
