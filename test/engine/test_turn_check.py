@@ -6,7 +6,12 @@ import pytest
 from nav_pose_estimator.core.alignment.motion_history import BINS
 from nav_pose_estimator.core.numerics.rotation import quat_rotate
 from nav_pose_estimator.core.numerics.vectors import q_exp, q_multiply
+from nav_pose_estimator.engine.journal import Journal
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.schema import update
+from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.magnetic.turn_check import TurnCheck
+from nav_pose_estimator.engine.sensors.magnetometer import Magnetometer
 
 FIELD = np.array([2e-5, 0.0, -4e-5])
 SECONDS = 60
@@ -85,6 +90,16 @@ def test_a_stamp_of_tomorrow_does_not_end_the_check() -> None:
 def test_fast_fields_that_arrive_before_their_second_is_evaluated(late: int) -> None:
     """GIVEN 25 fields a second WHEN those of the next second have already arrived THEN the fault is found as well."""
     assert checked(MIRRORED, SAME, TUMBLE, every=1, late=late).is_mirrored
+
+
+def test_a_magnetometer_that_is_not_used_any_more_contradicts_nothing() -> None:
+    """GIVEN sensors that turn differently WHEN the magnetometer is switched off THEN that is forgotten."""
+    sensor = Magnetometer(Parameters(), Aiding(patience=3.0), Journal())
+    sensor.turns = checked(MIRRORED, SAME, YAW)
+    sensor.set_parameters(Parameters())
+    assert sensor.turns.differs
+    sensor.set_parameters(update(Parameters(), {"aids.magnetometer": False}))
+    assert not sensor.turns.differs
 
 
 def test_fields_with_gaps_show_nothing() -> None:
