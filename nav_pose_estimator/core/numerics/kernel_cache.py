@@ -16,7 +16,6 @@ import sys
 import warnings
 from contextlib import suppress
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import llvmlite.binding as llvm
@@ -88,27 +87,26 @@ class KernelCache(FunctionCache):
             with self._guard_against_spurious_io_errors():
                 return self._load_overload(sig, target_context)
         except Exception:  # a damaged pickle can raise any
-            self._remove_files()
+            try:
+                self.flush()
+            except OSError:
+                self.disable()
             return None
 
     def save_overload(self, sig: Any, data: CompileResult) -> None:
         """Store a compiled kernel.
 
-        Numba writes the index first. If the process ended there, an index of the new source would name machine code of
-        an earlier one, so that is removed before.
+        Numba writes the index first. If the process ended there, an index of the present source would name machine code
+        of an earlier one, so that is overwritten before.
         """
+        file = self._cache_file
         try:
-            if not self._cache_file._load_index():
-                self._remove_files()
+            if self._enabled:
+                next_name = file._data_name(len(file._load_index()) + 1)
+                file._save_data(next_name, None)  # read as: has to be compiled
             super().save_overload(sig, data)
         except OSError as error:
             _warn_once(f"compiled kernels cannot be stored, so each start compiles them again: {error.strerror}")
-
-    def _remove_files(self) -> None:
-        """Remove index and machine code of this kernel, for arguments of all types."""
-        for path in Path(self._cache_path).glob(f"{self._impl.filename_base}.*nb[ic]"):
-            with suppress(OSError):
-                path.unlink()
 
 
 @cache
