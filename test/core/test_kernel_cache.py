@@ -93,7 +93,8 @@ def test_an_index_never_names_machine_code_of_an_earlier_source(tmp_path):
     """GIVEN a changed kernel whose index is written WHEN the process ends there THEN the next one compiles it."""
     ends = (
         "import os\nfrom numba.core.caching import IndexDataCacheFile as File\nsave = File._save_data\n"
-        "File._save_data = lambda self, name, data: os._exit(0) if data and 'scaled' in name else save(self, name, data)\n"
+        "def save_or_end(self, name, data):\n"
+        "    os._exit(0) if data and 'scaled' in name else save(self, name, data)\nFile._save_data = save_or_end\n"
     )
     run(tmp_path, USER)
     assert RESULTS[1] not in run(tmp_path, ends + USER, INNER.replace("factor *", "10.0 * factor *"))
