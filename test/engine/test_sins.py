@@ -174,6 +174,42 @@ def test_after_a_gap_it_goes_on_and_after_a_minute_it_starts_again(flight: Recor
     assert engine.mode is Mode.AIDED
 
 
+def test_the_last_solution_of_a_failed_filter_has_its_own_covariance(flight: Recording) -> None:
+    """GIVEN single samples WHEN the filter fails THEN its last solution does not have the next filter's covariance."""
+    engine = SinsEngine()
+    solutions: list[NavSolution] = []
+    for sample in one_by_one(flight.samples()):
+        if len(solutions) == 3000:
+            engine.run.imu_failure = "no IMU"
+            engine.run.quiet_until = -math.inf
+        solutions += [one for one in engine.feed(sample) if isinstance(one, NavSolution)]
+        if len(solutions) > 3000:
+            break
+    before, last = (np.sqrt(np.diag(one.cov)) for one in solutions[-2:])
+    np.testing.assert_allclose(last, before, rtol=0.1)
+
+
+@pytest.mark.parametrize("harm", ["speed", "variance"])
+def test_a_filter_that_diverges_while_aided_starts_again(flight: Recording, harm: str) -> None:
+    """GIVEN fixes that are used WHEN the filter's speed is beyond all receivers', or its covariance impossible
+    THEN within a second it starts again, and says why."""
+    engine, outputs = PoseEstimator(Parameters()), []
+    for sample in flight.samples():
+        if isinstance(sample, ImuBlock) and seconds(flight, sample) >= 60.0 and harm:
+            whole = engine.sins.run.timeline.filter
+            if harm == "speed":
+                whole.nav[at.VEL] = 2000.0
+            else:
+                whole.P[at.BASE_STATES - 1, at.BASE_STATES - 1] = -1e-3
+            harm = ""
+        outputs += engine.feed(sample)
+        if seconds(flight, sample) > 62.0:
+            break
+    text = next(o.text for o in outputs if isinstance(o, Event) and o.name == "reset")
+    assert "diverged" in text
+    assert not any(np.isnan(block.rows).any() for block in outputs if isinstance(block, NavBlock))
+
+
 def test_a_second_lap_equals_the_first(flight: Recording) -> None:
     """GIVEN a recording WHEN it is played twice in a row THEN the time jump resets all and lap two equals lap one."""
     samples = [s for s in flight.samples() if not seconds(flight, s) > 60.0]

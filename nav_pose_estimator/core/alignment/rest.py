@@ -170,7 +170,7 @@ def summarise(state, out):
     return True
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, slots=True)
 class Stillness:
     """Strict test for rest: three consecutive seconds with neither vibration nor swaying.
 

@@ -63,7 +63,7 @@ _SHARE_MEMORY = 100.0  # innovations over which their power is averaged
 _LARGEST_PRODUCT = 2.0  # limit of the product of two consecutive innovations, relative to that power
 
 
-@dataclass
+@dataclass(slots=True)
 class ErrorShares:
     """Division of the error of one kind of GNSS observation into correlated and white noise, as variance factors.
 

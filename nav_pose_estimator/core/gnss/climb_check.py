@@ -54,7 +54,7 @@ ENDED, FAR = 1, 2
 """Results of ``take_height``, to be added: a climb has ended; the height is far from the barometer's."""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, slots=True)
 class ClimbCheck:
     """The test. It receives every height with its vertical velocity.
 

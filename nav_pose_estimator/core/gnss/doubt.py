@@ -31,7 +31,7 @@ HOPELESS = 6.0
 _ENDED = 0.2  # fraction of rejected velocities below which a doubt ends
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, slots=True)
 class Doubt:
     """The test. It receives the outcome of each velocity and position while GNSS aids the filter."""
 

@@ -29,7 +29,7 @@ class _Candidate:
     step: float
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, slots=True)
 class HeightReference:
     """The monitor. It receives the height of every fix with a good horizontal position.
 

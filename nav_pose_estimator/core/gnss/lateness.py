@@ -34,7 +34,7 @@ _LAST = 2  # (2) m/s: last velocity, East and North
 _SIZE = 4
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, slots=True)
 class Lateness:
     """The test. It receives every velocity and every step; ``delay`` [s] is the established delay, 0 without one."""
 

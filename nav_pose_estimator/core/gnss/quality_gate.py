@@ -67,7 +67,7 @@ class Verdict:
 _USABLE = Verdict(True, "gnss.usable")
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, slots=True)
 class GnssGate:
     """Gate by satellite count with hysteresis, fix status, age and stated accuracy.
 

@@ -120,7 +120,7 @@ _DECISIVE = 6.0  # difference of squared deviations that makes one of two positi
 _TINY = 1e-6  # m: avoids a division by a zero sigma; s: tolerance for the rounding of times
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, slots=True)
 class Reacquisition:
     """Guard in front of the filter. It receives every usable fix, while GNSS is fused and after an outage alike.
 

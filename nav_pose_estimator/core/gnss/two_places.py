@@ -14,7 +14,7 @@ _SURE = 6.0  # its significance in standard errors
 _AGREED = 2  # consecutive tests that establish it
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, slots=True)
 class TwoPlaces:
     """The test. It receives the innovation of every fix; ``apart`` [m] is the displacement of the two, else 0."""
 

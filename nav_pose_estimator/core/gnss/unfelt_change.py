@@ -52,7 +52,7 @@ DRIFT_SD = 6  # m/s^2: standard deviation of the IMU velocity's drift, by tilt a
 COLUMNS = 7
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, slots=True)
 class UnfeltChange:
     """The test, called every second; the usual size of changes is learned from earlier calls."""
 

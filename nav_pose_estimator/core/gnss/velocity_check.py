@@ -52,7 +52,7 @@ _STEP = 4
 """Result of ``_compare`` besides those of ``climb_check``: a step has ended."""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, slots=True)
 class VelocityCheck:
     """The test. It receives every usable fix and every velocity.
 

@@ -82,7 +82,7 @@ _IMPOSSIBLE = 1e9  # squared normalised residual of an impossible hypothesis
 _EXPLAINED = 5.0  # largest squared normalised residual with which a step may raise the odds of a hypothesis
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, slots=True)
 class Similarity:
     """Least-squares factor from the integral to the displacement over the last steps: a scale and a rotation angle."""
 

@@ -81,7 +81,7 @@ _SIZE = 23
 _KEPT = 40  # velocities that are kept
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, slots=True)
 class StepMaker:
     """Makes steps from velocities and usable fixes; a fix may end a step."""
 

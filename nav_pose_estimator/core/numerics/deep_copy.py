@@ -29,6 +29,7 @@ _Copier = Callable[[Any, _Memo], Any]
 _ATOMS = frozenset((NoneType, bool, int, float, complex, str, bytes, type, range, FunctionType, BuiltinFunctionType))
 _ATOMS_AND_TUPLES = _ATOMS | {tuple}
 _HEAP_TYPE = 1 << 9  # Py_TPFLAGS_HEAPTYPE: flag of classes that are not built into Python
+_ABSENT = object()  # in place of a slot that has never been set
 # Special methods by which a class customises its own copying.
 _OWN_WAYS = ("__getstate__", "__setstate__", "__getnewargs__", "__getnewargs_ex__", "__reduce__", "__reduce_ex__")
 
@@ -160,8 +161,9 @@ def _slots_of(kind: type) -> tuple[str, ...]:
 def _content(value: Any, slots: list[str], has_dictionary: bool) -> dict[str, Any]:
     content = own_dictionary(value).copy() if has_dictionary else {}
     for name in slots:
-        if hasattr(value, name):
-            content[name] = getattr(value, name)
+        item = getattr(value, name, _ABSENT)
+        if item is not _ABSENT:
+            content[name] = item
     return content
 
 

@@ -27,7 +27,7 @@ _CONTRADICTS, _AGREES = 0.5, 0.25
 _WINDOWS_TO_RAISE, _WINDOWS_TO_CLEAR = 3, 2  # consecutive windows that raise and clear the contradiction
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, slots=True)
 class MotionAgreement:
     """The test. It receives every window for which both GNSS and IMU are known."""
 

@@ -57,7 +57,7 @@ class ClipWatch:
         return Clipped(angle, velocity, words)
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, slots=True)
 class _Range:
     """Range of one sensor: the largest absolute value of its axes so far, once plateaus at it establish saturation."""
 

@@ -31,7 +31,7 @@ NOT_CLIPPED = (0, 0, 0)
 _NS = 1e-9
 
 
-@dataclass
+@dataclass(slots=True)
 class ImuMemory:
     """Memory of the rules: everything they need of earlier samples; a snapshot is a copy of it."""
 

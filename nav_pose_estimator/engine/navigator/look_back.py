@@ -17,6 +17,7 @@ from nav_pose_estimator.engine.imu.doubt import Doubt
 from nav_pose_estimator.engine.navigator import heading_trial
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.modes import DENIED
+from nav_pose_estimator.engine.navigator.split_filter import SplitFilter
 from nav_pose_estimator.engine.samples import BodyVelocity, MagSample
 from nav_pose_estimator.engine.sensors.body_velocity import BodyVelocitySensor
 from nav_pose_estimator.engine.sensors.gyroscope.watch import Second
@@ -28,6 +29,7 @@ _OFF_FOR = 4.0  # s over which the median innovation of positions is taken
 _OFF_SDS, _OFF = 2.4, 3.6
 """Deviations of a fix, and metres, by which that median must exceed chance; recorded flights: 3.1 m, 4.5 m in loops."""
 _SURE_SDS = 2.0  # horizontal deviations by which the navigator must have moved away from a repeated position
+_GNSS_ENDS = 515.0  # m/s, 1000 knots: faster vehicles get no fix from receivers that may be exported (MTCR)
 _LATELY = 2.0  # s: velocities of this time judge how much a second shows of the gyroscope
 _ROWS = 1.5 * noise_identification.PERIOD  # s: the last second began with the row before it
 
@@ -210,7 +212,7 @@ def _look_at_imu(run: FilterRun, t: float, end: float) -> None:
         if refusal:
             run.start_up = run.start_up.afresh(run.parameters)
     elif run.modes.mode not in DENIED or t - run.aiding.fix_offered < run.aiding.lost_after:
-        run.imu_failure = refusal
+        run.imu_failure = refusal or (_diverged(run.timeline.filter) if is_aided else "")
         if doubt is not None and doubt.lasting:
             run.observe(run.imu_doubt.observe(doubt, run.timeline.filter.time, stamp_ns))
     else:
@@ -253,6 +255,13 @@ def _doubt_unaided(run: FilterRun, doubt: Doubt | None, refusal: str) -> None:
     if run.gnss.reception.velocities.position_fault:
         reason = f"The positions of GNSS were wrong: {run.gnss.reception.velocities.position_fault}."
     run.modes.distrust(reason, run.journal, stamp_ns)
+
+
+def _diverged(whole: SplitFilter) -> str:
+    """A sentence for the user where an aided filter has left all that GNSS can show it, else empty."""
+    if not whole.P.diagonal().min() >= 0.0:
+        return "A variance of the filter is negative: the solution has diverged."
+    return _too_fast(whole.nav, _GNSS_ENDS)
 
 
 def _too_fast(nav: np.ndarray, fastest: float) -> str:

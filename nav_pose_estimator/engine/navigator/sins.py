@@ -142,9 +142,7 @@ class SinsEngine:
             in_body = sample if mounting.is_none else mounting.sample(sample)
             values = run.timeline.advance_one(t, in_body.gyro, in_body.accel)
             return [NavSolution(sample.stamp_ns, run.modes.mode, values, run.timeline.shift, run.gnss.position.resets)]
-        outputs = self._carry(self._input.accept(sample))
-        # a block is of one sample, at which the filter stands
-        return [solution_at_end(self.run, one) if isinstance(one, NavBlock) else one for one in outputs]
+        return self._carry(self._input.accept(sample))
 
     def _carry(self, items: list[ImuSample | Event] | list[ImuBlock | Event]) -> list[Output]:
         """Process the output of the IMU input in order: samples, and events, which may end the run."""
@@ -158,8 +156,12 @@ class SinsEngine:
             if self.resume is not None:
                 resume, self.resume = self.resume, None
                 self.run = resume(self.run, item.stamp_ns if isinstance(item, ImuSample) else int(item.stamps_ns[0]))
-            stamps_ns, rows = self.run.clock.imu_rows(item)
-            outputs += self._go_on(stretch.carry(self.run, stamps_ns, rows), stamps_ns, rows)
+            run = self.run
+            stamps_ns, rows = run.clock.imu_rows(item)
+            ahead = self._go_on(stretch.carry(run, stamps_ns, rows), stamps_ns, rows)
+            if isinstance(item, ImuSample):  # a block is of one row, at which its filter stands, also if it has failed
+                ahead = [solution_at_end(run, one) if isinstance(one, NavBlock) else one for one in ahead]
+            outputs += ahead
         return outputs
 
     def _go_on(self, ahead: list[Output], stamps_ns: np.ndarray, rows: np.ndarray) -> list[Output]:

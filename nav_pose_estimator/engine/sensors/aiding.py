@@ -10,7 +10,7 @@ AID_HOLDS = 3.0
 _PERIODS = 2.2  # periods of a slow receiver without a used fix after which it counts as lost
 
 
-@dataclass
+@dataclass(slots=True)
 class Aiding:
     """Times are engine times of validity [s], minus infinity before the first one."""
 
