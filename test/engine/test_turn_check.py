@@ -6,7 +6,12 @@ import pytest
 from nav_pose_estimator.core.alignment.motion_history import BINS
 from nav_pose_estimator.core.numerics.rotation import quat_rotate
 from nav_pose_estimator.core.numerics.vectors import q_exp, q_multiply
+from nav_pose_estimator.engine.journal import Journal
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.schema import update
+from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.magnetic.turn_check import TurnCheck
+from nav_pose_estimator.engine.sensors.magnetometer import Magnetometer
 
 FIELD = np.array([2e-5, 0.0, -4e-5])
 SECONDS = 60
@@ -16,8 +21,20 @@ MIRRORED = np.diag([1.0, 1.0, -1.0])
 TUMBLE, YAW = np.array([0.5, 0.4, 0.6]), np.array([0.0, 0.0, 0.6])  # rad/s: amplitudes of the rates
 
 
-def checked(gyro: np.ndarray, mag: np.ndarray, rates: np.ndarray, iron: float = 0.0, ahead: bool = False) -> TurnCheck:
-    """A minute of turning, with the matrices that rates and fields are multiplied by, and hard iron of this share."""
+def checked(
+    gyro: np.ndarray,
+    mag: np.ndarray,
+    rates: np.ndarray,
+    iron: float = 0.0,
+    ahead: bool = False,
+    every: int = 10,
+    late: int = 0,
+) -> TurnCheck:
+    """A minute of turning, with the matrices that rates and fields are multiplied by, and hard iron of this share.
+
+    ``ahead``: the first field has a stamp of tomorrow; ``every`` so many bins there is one; seconds are evaluated
+    ``late`` [s].
+    """
     found, q, angles = TurnCheck(), (1.0, 0.0, 0.0, 0.0), {}
     if ahead:
         found.field(86400.0, tuple(FIELD))
@@ -25,13 +42,13 @@ def checked(gyro: np.ndarray, mag: np.ndarray, rates: np.ndarray, iron: float = 
         angles[k] = np.empty((BINS, 3))
         for b in range(BINS):
             t = k - 1.0 + b / BINS
-            if b % 10 == 0:
+            if b % every == 0:
                 seen = quat_rotate(np.array([q[0], -q[1], -q[2], -q[3]]), FIELD) + iron * 4e-5 * np.array([1, 0, 0])
                 found.field(t, tuple(mag @ seen))
             turn = rates * np.sin(np.array([0.31, 0.47, 0.23]) * t) / BINS
             q = q_multiply(q, q_exp(tuple(turn)))
             angles[k][b] = gyro @ turn
-        found.second(k, angles.get)
+        found.second(k - late, angles.get)
     return found
 
 
@@ -67,6 +84,22 @@ def test_a_turn_on_the_spot_does_not_show_which_sensor_is_wrong() -> None:
 def test_a_stamp_of_tomorrow_does_not_end_the_check() -> None:
     """GIVEN one field with a stamp far ahead WHEN an axis is inverted THEN it is found all the same."""
     assert checked(MIRRORED, SAME, TUMBLE, ahead=True).is_mirrored
+
+
+@pytest.mark.parametrize("late", [0, 1], ids=["sample by sample", "in long blocks"])
+def test_fast_fields_that_arrive_before_their_second_is_evaluated(late: int) -> None:
+    """GIVEN 25 fields a second WHEN those of the next second have already arrived THEN the fault is found as well."""
+    assert checked(MIRRORED, SAME, TUMBLE, every=1, late=late).is_mirrored
+
+
+def test_a_magnetometer_that_is_not_used_any_more_contradicts_nothing() -> None:
+    """GIVEN sensors that turn differently WHEN the magnetometer is switched off THEN that is forgotten."""
+    sensor = Magnetometer(Parameters(), Aiding(patience=3.0), Journal())
+    sensor.turns = checked(MIRRORED, SAME, YAW)
+    sensor.set_parameters(Parameters())
+    assert sensor.turns.differs
+    sensor.set_parameters(update(Parameters(), {"aids.magnetometer": False}))
+    assert not sensor.turns.differs
 
 
 def test_fields_with_gaps_show_nothing() -> None:

@@ -4,12 +4,16 @@ Before it loads the first cached kernel, numba gets its compiler ready, which ta
 parses the bitcode, with which a new kernel could be linked, which is half of the time of loading it. Both wait here
 until something is compiled. The files are those of numba, and a loaded kernel is the same.
 
+A file that a power cut has left incomplete would stop numba at every start; here its kernel is compiled again. A full
+disk stops it, too; here the kernel is compiled in every process until there is space.
+
 Numba does not document the functions that this replaces, so ``jit`` uses it only with versions in which they are known.
 """
 
 import importlib
 import importlib.util
 import sys
+import warnings
 from contextlib import suppress
 from functools import cache
 from typing import Any
@@ -40,6 +44,8 @@ class _Form(CompileResultCacheImpl):
         """Kernel made of what the cache contains."""
         (name, _, (machine_code, bitcode)), fndesc, environment, signature, *others = payload
         objectmode, lifted, annotation, reload_init, environments = others
+        for begin in reload_init:
+            begin()
         library = _Library(target_context.codegen(), name)
         library.bitcode = bitcode
         library.enable_object_caching()
@@ -77,8 +83,36 @@ class KernelCache(FunctionCache):
         """The kernel for arguments of the types ``sig``; None if it has to be compiled."""
         _spare_scipy_linalg()
         rtsys.initialize(target_context)  # what machine code needs at run time
-        with self._guard_against_spurious_io_errors():
-            return self._load_overload(sig, target_context)
+        try:
+            with self._guard_against_spurious_io_errors():
+                return self._load_overload(sig, target_context)
+        except Exception:  # a damaged pickle can raise any
+            try:
+                self.flush()
+            except OSError:
+                self.disable()
+            return None
+
+    def save_overload(self, sig: Any, data: CompileResult) -> None:
+        """Store a compiled kernel.
+
+        Numba writes the index first. If the process ended there, an index of the present source would name machine code
+        of an earlier one, so that is overwritten before.
+        """
+        file = self._cache_file
+        try:
+            if self._enabled:
+                next_name = file._data_name(len(file._load_index()) + 1)
+                file._save_data(next_name, None)  # read as: has to be compiled
+            super().save_overload(sig, data)
+        except OSError as error:
+            _warn_once(f"compiled kernels cannot be stored, so each start compiles them again: {error.strerror}")
+
+
+@cache
+def _warn_once(text: str) -> None:
+    """Warn, but not of every kernel: numba makes Python forget which warnings it has shown."""
+    warnings.warn(text, stacklevel=3)
 
 
 @cache

@@ -62,6 +62,8 @@ class Magnetometer(Aid):
         aids = parameters.aids
         self._enabled, self._period, self.declination = aids.magnetometer, aids.magnetometer_period, aids.declination
         self._variance = aids.magnetometer_sd**2 * shared_error(aids.magnetometer_period)
+        if not self._enabled:
+            self.turns = TurnCheck()  # what it found would never be renewed
 
     def receive(self, sample: MagSample) -> Vector3:
         """The field of a sample, calibrated and in b; a unit other than tesla, or none, gives an event once."""

@@ -122,13 +122,14 @@ class Pacer:
     """Limits the rate of observations to one per ``period`` [s]: closer ones have correlated errors and add little."""
 
     _JITTER = 1e-6  # s: tolerance of the period
+    _BACK = 1.0  # s: an observation this much older than the last one shows that the stamp of the last was wrong
 
     def __init__(self) -> None:
         self._last = -np.inf
 
     def passes(self, t: float, period: float) -> bool:
         """Whether an observation at ``t`` [s] is due; it then is the last one."""
-        if t - self._last < period - self._JITTER:
+        if -self._BACK <= t - self._last < period - self._JITTER:
             return False
         self._last = t
         return True

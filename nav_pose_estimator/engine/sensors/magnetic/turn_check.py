@@ -17,7 +17,8 @@ from nav_pose_estimator.core.attitude.field_turns import spreads
 from nav_pose_estimator.engine.samples import Vector3
 
 _WINDOW, _EVERY, _LAG = 6, 3, 2  # s: a window, from one to the next, and after its end until it is evaluated
-_APART = 0.7  # s: largest gap of fields between which one is interpolated
+_CLOSEST, _APART = 0.05, 0.7  # s: fields that follow sooner are left out; largest gap that is interpolated
+_KEPT = 400  # fields: more than any window and what arrives until it is evaluated, so that none depends on when
 _FASTEST = 2.0  # rad in a second beyond which fields half a second apart, and late ones, are no measure
 _SUSPICIOUS = 0.02  # spread above which hypotheses are tested
 _MEMORY = 0.93  # forgetting factor of the evidence from one window to the next
@@ -38,7 +39,7 @@ class TurnCheck:
         turns = axis_rotations()
         self._gyros = np.concatenate([turns, -turns])
         self._sums, self._wins = np.zeros(len(self._gyros)), np.zeros(len(self._gyros))
-        self._fields: deque[tuple[float, float, float, float]] = deque(maxlen=200)
+        self._fields: deque[tuple[float, float, float, float]] = deque(maxlen=_KEPT)
         self.differs = False
         """Whether other signs or axes of one of the two sensors explain how they turn far better."""
         self.is_mirrored = False
@@ -47,7 +48,9 @@ class TurnCheck:
     def field(self, t: float, field: Vector3) -> None:
         """Add a field in b, in any unit, valid at ``t`` [s]."""
         strength = math.hypot(*field)
-        if strength > 0.0 and (not self._fields or t > self._fields[-1][0]):
+        while self._fields and self._fields[-1][0] > t + _LAG:
+            self._fields.pop()  # a wrong stamp, which would keep all later ones out
+        if strength > 0.0 and (not self._fields or t >= self._fields[-1][0] + _CLOSEST):
             self._fields.append((t, field[0] / strength, field[1] / strength, field[2] / strength))
 
     def second(self, k: int, angles: Callable[[int], np.ndarray | None]) -> None:
@@ -57,8 +60,6 @@ class TurnCheck:
         """
         if k % _EVERY:
             return
-        while self._fields and self._fields[-1][0] > k + _LAG:
-            self._fields.pop()  # a wrong stamp, which would keep all later ones out
         ends = range(k - _LAG - _WINDOW, k - _LAG + 1)
         directions = self._directions(np.array(ends, dtype=float))
         seconds = [angles(i) for i in ends[1:]]
