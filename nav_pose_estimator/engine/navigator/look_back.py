@@ -93,7 +93,8 @@ def _watch_the_gyroscope(run: FilterRun, t: float, is_aided: bool) -> None:
     turns = _magnetometer(run).turns
     suspected = motion.suspects or turns.is_mirrored
     m, P = whole.nav[GYRO_MATRIX.estimates], whole.P[own, own]
-    seen = Second(m, P, bias, nis, suspected, motion.imu_agrees, turns.differs)
+    walk = float(whole.constants[GYRO_MATRIX.psd].max())
+    seen = Second(m, P, bias, nis, walk, suspected, motion.imu_agrees, turns.differs)
     if watch.second(seen, run.journal, stamp_ns):
         run.observe(run.gyro_matrix.observe(watch.evidence, t, stamp_ns))
     motion.filter_contradicts = watch.contradicts
