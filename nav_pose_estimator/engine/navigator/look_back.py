@@ -187,7 +187,8 @@ def _look_at_imu(run: FilterRun, t: float, end: float) -> None:
         run.imu_physics.heading.attitude(round(end), run.timeline.filter.nav[at.QUAT : at.GYRO_BIAS].copy())
     before = _shown_by(run.imu_physics)
     is_aided = run.aiding.gnss_is_good(run.now)
-    doubt = run.imu_physics.look(end, rows, bias, run.journal, stamp_ns, is_aided)
+    is_doubted = bool(run.gyro_watch.reason)
+    doubt = run.imu_physics.look(end, rows, bias, run.journal, stamp_ns, is_aided, is_doubted)
     if run.timeline.running:
         doubt = _doubt_the_speed(run, doubt, is_aided)
     run.gnss.reception.velocities.imu_evidence(
