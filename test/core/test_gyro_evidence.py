@@ -103,3 +103,15 @@ def test_a_new_filter_begins_without_evidence() -> None:
     found.add(np.full(SIZE, 0.1), V * np.eye(SIZE), 0.0)
     assert found.odds == pytest.approx(0.0, abs=1e-9)
     assert found.centre.tolist() == [0.1] * SIZE
+
+
+@pytest.mark.parametrize("known", [1.0, 0.1], ids=["from the start", "after an outage"])
+def test_what_a_random_walk_takes_is_no_evidence(known: float) -> None:
+    """GIVEN a filter whose covariance of M is its prior, or a share of it after seconds that do not count, WHEN only
+    the random walk of M changes it for an hour THEN the odds stay even: information below zero would raise them."""
+    walk, found = 1e-11, GyroEvidence()
+    found.add(np.zeros(SIZE), V * np.eye(SIZE), 0.1, walk)
+    found.skip()
+    for seconds in range(3000):
+        found.add(np.zeros(SIZE), (known * V + seconds * walk) * np.eye(SIZE), 0.1, walk)
+    assert found.odds == pytest.approx(0.0, abs=0.01)

@@ -46,6 +46,16 @@ def test_what_was_there_before_is_nothing_new() -> None:
     assert vibration.reason == ""
 
 
+def test_the_whole_vibration_of_a_doubted_gyroscope_counts_in_an_outage() -> None:
+    """GIVEN a gyroscope with 0.3 rad/s of noise that GNSS has contradicted WHEN GNSS is lost
+    THEN each second widens the attitude by the random walk of that noise; with GNSS, or without doubt, none does."""
+    vibration, journal, second = Vibration(), Journal(), shaken(0.3, 0.3)
+    assert vibration.second(second, True, journal, 0, gyroscope_is_doubted=True) is None
+    assert vibration.second(second, False, journal, 0) is None
+    doubts = [vibration.second(second, False, journal, 0, gyroscope_is_doubted=True) for _ in range(2)]
+    assert [doubt and doubt.tilt for doubt in doubts] == pytest.approx([0.3 / math.sqrt(100.0)] * 2, rel=0.2)
+
+
 def test_its_rectification_is_told_once() -> None:
     vibration, journal = Vibration(), Journal()
     doubts = [vibration.second(shaken(6.0), False, journal, 0) for _ in range(5)]

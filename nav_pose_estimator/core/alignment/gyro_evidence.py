@@ -18,6 +18,11 @@ right gyroscope, and the evidence is against the better one of this and of w = 0
 What a second adds to J and h is divided by its variance of unit weight where that exceeds one, as noise of that
 variance would do. A shock, a tumble or a late velocity gives large innovations for a moment, and little evidence.
 
+The random walk of M takes from the information in every second: q P^-1 P^-1, q its variance in a second. The filter's
+own loss is added back, and J loses q J J, what the walk takes from what has been counted. The two differ after a second
+that does not count, as after an outage, whose covariance is that of the drift which rehearsals have shown: J would
+become negative in directions that nothing has shown.
+
 Source of the test: R. Kass and A. Raftery, "Bayes factors", J. Am. Stat. Assoc. 90(430), 1995; the formulas follow by
 completing the square.
 """
@@ -56,10 +61,11 @@ class GyroEvidence:
         self._total = np.zeros((SIZE + 1, SIZE))  # J, and h in the last row
         self._skips = False
 
-    def add(self, m: Array, P: Array, nis: float) -> None:
+    def add(self, m: Array, P: Array, nis: float, walk: float = 0.0) -> None:
         """Add a second, at whose end the filter has the estimate ``m`` (9,) with covariance ``P`` (9, 9).
 
-        ``nis``: largest normalised innovation squared per row of the last GNSS velocities.
+        ``nis``: largest normalised innovation squared per row of the last GNSS velocities; ``walk``: variance of the
+        random walk of each element in a second.
         """
         variances = P.diagonal().copy()
         if self.variance == 0.0:
@@ -69,7 +75,7 @@ class GyroEvidence:
         skips = self._skips or bool((variances > _GREW * self._variances).any())
         weight = 0.0 if skips else 1.0 / max(nis, 1.0)
         self._variances, self._skips = variances, False
-        if _add_information(P, m - self.centre, weight, self._before, self._total):
+        if _add_information(P, m - self.centre, weight, walk, self._before, self._total):
             self.odds, self.yaw_odds = _log_bayes_factors(self._total, self.variance)
 
     def begin_again(self) -> None:
@@ -83,8 +89,11 @@ class GyroEvidence:
 
 
 @kernel
-def _add_information(P, away, weight, before, total):
-    """Add ``weight`` times the new information to ``total`` (10, 9): P^-1 and P^-1 ``away`` less ``before`` (10, 9)."""
+def _add_information(P, away, weight, walk, before, total):
+    """Add ``weight`` times the new information to ``total`` (10, 9): P^-1 and P^-1 ``away`` less ``before`` (10, 9).
+
+    The loss by the random ``walk`` is that of ``total``, not that of ``before``.
+    """
     size = len(P)
     now = np.zeros((size + 1, size))
     if not _inverse(P, now):
@@ -92,9 +101,14 @@ def _add_information(P, away, weight, before, total):
     for i in range(size):
         for j in range(size):
             now[size, i] += now[i, j] * away[j]
+    walked, counted = before.copy(), total.copy()
     for i in range(size + 1):
         for j in range(size):
-            total[i, j] += weight * (now[i, j] - before[i, j])
+            lost, lost_of_total = 0.0, 0.0
+            for k in range(size):
+                lost += walked[i, k] * walked[k, j]
+                lost_of_total += counted[i, k] * counted[k, j]
+            total[i, j] += weight * (now[i, j] - before[i, j] + walk * lost) - walk * lost_of_total
             before[i, j] = now[i, j]
     return True
 

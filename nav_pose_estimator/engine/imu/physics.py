@@ -85,10 +85,12 @@ class ImuPhysics:
         journal: Journal,
         stamp_ns: int,
         is_aided: bool = False,
+        gyroscope_is_doubted: bool = False,
     ) -> Doubt | None:
         """Evaluate the second up to ``end`` (a whole second), with ``rows`` (N, 7) of it and one row before it.
 
-        ``gyro_bias`` (3,) [rad/s] is the navigator's estimate, None before it runs; ``is_aided``: GNSS aids it.
+        ``gyro_bias`` (3,) [rad/s] is the navigator's estimate, None before it runs; ``is_aided``: GNSS aids it;
+        ``gyroscope_is_doubted``: GNSS has contradicted its rates.
         Returns the error that faulty data of this second may have caused, None for good data.
         """
         own = rows[first_from(rows, end - SECOND) :]
@@ -101,7 +103,7 @@ class ImuPhysics:
         self._seconds.append(second)
         found = plausibility.find(list(self._seconds), gyro_bias is not None) or self.motion.finding
         self._report(found, _LEAST < second.gravity < _MOST and self._lives(second), journal, stamp_ns)
-        shaken = self.vibration.second(second, is_aided or gyro_bias is None, journal, stamp_ns)
+        shaken = self.vibration.second(second, is_aided or gyro_bias is None, journal, stamp_ns, gyroscope_is_doubted)
         self.motion.shakes = self.vibration.is_heavy
         return doubt if shaken is None else shaken if doubt is None else doubt.with_one_more(shaken)
 

@@ -3,7 +3,8 @@
 Vibration that was present while GNSS was good is part of the noise identified in flight. Vibration that begins or grows
 in an outage is not: the part that sampling aliases to low frequencies integrates to velocity and attitude. How large
 that part is cannot be observed. So all of the increase counts as white noise, and its rectification as a change of the
-accelerometer bias.
+accelerometer bias. While GNSS has contradicted the gyroscope, what was identified does not explain it: in an outage all
+of its vibration counts as white noise then, of which the attitude takes a random walk.
 """
 
 from __future__ import annotations
@@ -49,8 +50,10 @@ class Vibration:
             return f"the IMU vibrates by {self._last:.1f} m/s^2, at most {self._known:.1f} while GNSS was available"
         return f"the IMU vibrates by {self._last:.0f} m/s^2" if self.is_heavy else ""
 
-    def second(self, second: ImuSecond, is_aided: bool, journal: Journal, stamp_ns: int) -> Doubt | None:
-        """Process a second; returns the bias uncertainty of a vibration that has risen without GNSS, else None."""
+    def second(
+        self, second: ImuSecond, is_aided: bool, journal: Journal, stamp_ns: int, gyroscope_is_doubted: bool = False
+    ) -> Doubt | None:
+        """Process a second; returns the uncertainty that vibration adds without GNSS, else None."""
         force, rate = second.vibration, second.shaking
         self._last = force
         if is_aided:
@@ -68,10 +71,11 @@ class Vibration:
             self.force_noise = force_noise
         if abs(rate_noise - self.rate_noise) > _NOTABLE * self.rate_noise:
             self.rate_noise = rate_noise
+        tilt = _white(rate, 0.0, second.samples) if gyroscope_is_doubted and not is_aided else 0.0  # of one second
         bias = _RECTIFIED * (force**2 - self._known**2) if risen else 0.0
         if bias <= _MORE * self._charged:
-            return None
-        doubt = Doubt(0.0, 0.0, accel_bias=math.sqrt(bias**2 - self._charged**2))
+            return Doubt(tilt, 0.0) if tilt else None
+        doubt = Doubt(tilt, 0.0, accel_bias=math.sqrt(bias**2 - self._charged**2))
         self._charged = bias
         return doubt
 

@@ -95,7 +95,8 @@ def _watch_the_gyroscope(run: FilterRun, t: float, is_aided: bool) -> None:
     turns = _magnetometer(run).turns
     suspected = motion.suspects or turns.is_mirrored
     m, P = whole.nav[GYRO_MATRIX.estimates], whole.P[own, own]
-    seen = Second(m, P, bias, nis, suspected, motion.imu_agrees, turns.differs)
+    walk = float(whole.constants[GYRO_MATRIX.psd].max())
+    seen = Second(m, P, bias, nis, walk, suspected, motion.imu_agrees, turns.differs)
     if watch.second(seen, run.journal, stamp_ns):
         run.observe(run.gyro_matrix.observe(watch.evidence, t, stamp_ns))
     motion.filter_contradicts = watch.contradicts
@@ -188,7 +189,8 @@ def _look_at_imu(run: FilterRun, t: float, end: float) -> None:
         run.imu_physics.heading.attitude(round(end), run.timeline.filter.nav[at.QUAT : at.GYRO_BIAS].copy())
     before = _shown_by(run.imu_physics)
     is_aided = run.aiding.gnss_is_good(run.now)
-    doubt = run.imu_physics.look(end, rows, bias, run.journal, stamp_ns, is_aided)
+    is_doubted = bool(run.gyro_watch.reason)
+    doubt = run.imu_physics.look(end, rows, bias, run.journal, stamp_ns, is_aided, is_doubted)
     if run.timeline.running:
         doubt = _doubt_the_speed(run, doubt, is_aided)
     run.gnss.reception.velocities.imu_evidence(

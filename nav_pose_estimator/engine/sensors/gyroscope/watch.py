@@ -48,6 +48,8 @@ class Second(NamedTuple):
     """Estimated bias (3,) [rad/s]."""
     nis: float
     """Largest NIS per row of the last GNSS velocities."""
+    walk: float = 0.0
+    """Variance of the random walk of each element in a second."""
     suspected: bool = False
     """Whether other signs or axes explain what GNSS shows far better."""
     agrees: bool = False
@@ -82,7 +84,7 @@ class GyroWatch:
 
     def second(self, seen: Second, journal: Journal, stamp_ns: int) -> bool:
         """Add a second that has been ``seen``. True where the prior is to be released."""
-        self.evidence.add(seen.m, seen.P, seen.nis)
+        self.evidence.add(seen.m, seen.P, seen.nis, seen.walk)
         self._compare_with_compass(seen, journal, stamp_ns)
         proved = self.evidence.odds >= _CERTAIN  # not if the odds are NaN
         self._suspected |= seen.suspected
