@@ -76,6 +76,22 @@ def test_a_clock_set_back_starts_again_and_the_second_lap_passes():
     assert sum(isinstance(i, ImuSample) for i in items) == 1998
 
 
+def test_the_motion_lost_by_a_clock_set_back_a_little_is_a_gap():
+    """GIVEN a clock set back by 0.5 s, less than imu.max_gap WHEN its stamps pass the old ones THEN half a second
+    of motion is lost, which is a gap; a few samples out of order and jitter are none."""
+    lap = [sample(k) for k in range(300)]
+    set_back = [sample(k, stamp=START + (k - 100) * STEP) for k in range(300, 600)]
+    items = feed([*lap, *set_back])
+    assert set(names(items)) == {"imu.rejected.backward", "imu.rejected.duplicate", GAP}
+    gap = next(i for i in items if isinstance(i, Event) and i.name == GAP)
+    assert gap.data["gap_s"] == pytest.approx(0.5, abs=0.006)
+    assert gap.stamp_ns == START + 300 * STEP
+    late = [sample(k) for k in (*range(100), *range(120, 140), *range(105, 114), *range(140, 200))]
+    rng = np.random.default_rng(1)
+    jitter = [sample(k, stamp=START + k * STEP + round(3e7 * rng.standard_normal())) for k in range(20_000)]
+    assert GAP not in names(feed(late) + feed(jitter))
+
+
 def test_a_stuck_sensor_is_told_once_and_its_recovery_too():
     frozen = [sample(k, accel=(0.1, 0.2, 9.7)) for k in range(300)]
     items = feed([*frozen, *(sample(k) for k in range(300, 310))])

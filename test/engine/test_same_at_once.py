@@ -124,6 +124,30 @@ def test_what_was_learned_from_a_wrong_state_is_forgotten_at_its_row() -> None:
     assert said["flight"]
 
 
+def test_copies_of_fixes() -> None:
+    """GIVEN a driver that publishes each fix of a slow receiver five times THEN the copies are left out alike."""
+    flight: list[Sample] = []
+    fix, number = None, 0
+    for sample in full_set(25.0, 100.0):
+        if isinstance(sample, GnssFix):
+            fix, number = sample if fix is None or number % 5 == 0 else fix, number + 1
+            sample = replace(fix, stamp_ns=sample.stamp_ns)
+        flight.append(sample)
+    assert dict(assert_same(flight)["counters"][0])["gnss.rejected.copy"] > 50
+
+
+def test_a_clock_set_back() -> None:
+    """GIVEN a clock of IMU and GNSS that is set back by half a second THEN the gap is the same in long blocks."""
+    flight: list[Sample] = []
+    for sample in full_set(25.0, 100.0):
+        if seconds(sample) > 18.3 and isinstance(sample, ImuBlock):
+            sample = replace(sample, stamps_ns=sample.stamps_ns - 500_000_000)
+        elif isinstance(sample, (GnssFix, GnssVelocity)) and seconds(sample) > 18.3:
+            sample = replace(sample, stamp_ns=sample.stamp_ns - 500_000_000)
+        flight.append(sample)
+    assert "imu.gap" in {name for _, name, _ in assert_same(flight)["events"]}
+
+
 def test_a_gap_without_gnss() -> None:
     """GIVEN an outage with a gap in the IMU data WHEN the navigator aligns again within a long block
     THEN it has the attitude of each sample."""

@@ -192,9 +192,10 @@ BOMB = "a: &a [x, x]\n" + "".join(f"{c}: &{c} [*{b}, *{b}]\n" for b, c in iterto
         ("gnss: {delay: '5e-4'}", "gnss.delay: '5e-4' is not a number"),
         ("? [1, 2]\n: 3\n", "has a key that is not a name in line 1"),
         ("gnss: {delay: }", "gnss.delay: None is not a number"),
+        ("gnss:\n  delay: 0.1\nimu: {}\ngnss:\n  delay: 0.2\n", "has 'gnss' a second time in line 4"),
         ("# " + "x" * (1 << 20), "is not a parameter file: it is larger than 1 MiB"),
     ],
-    ids=range(12),
+    ids=range(13),
 )
 def test_a_hostile_or_careless_file_is_one_sentence(load, text, says):
     with pytest.raises(UserError) as refusal:

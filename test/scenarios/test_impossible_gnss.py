@@ -181,6 +181,14 @@ def test_pressure_in_another_unit_is_named(factor: float, unit: str) -> None:
     assert as_good_as_ever(told)
 
 
+def test_an_altitude_in_the_place_of_the_pressure_is_named() -> None:
+    """GIVEN a driver that publishes the height, 468 m, as pressure THEN the sentence does not speak of hPa alone."""
+    change = Rewrite(PressureSample, change=lambda p, _: replace(p, pressure=468.0, variance=None))
+    assert (
+        "looks like hPa, or a height in metres" in tell(flight(duration=20.0), change).event("baro.rejected.unit").text
+    )
+
+
 def test_altitudes_that_are_sometimes_nan_cost_nothing() -> None:
     """GIVEN every fourth altitude NaN THEN latitude and longitude of that fix are used."""
 
@@ -333,18 +341,25 @@ def test_a_position_that_repeats_at_rest_is_used() -> None:
     assert told.modes_between(20.0, 60.0) == {Mode.AIDED}
 
 
-def test_fixes_of_one_hertz_published_several_times_are_used() -> None:
-    """GIVEN a driver that publishes each fix of a slow receiver five times, without velocities THEN it is not stuck."""
+@pytest.mark.parametrize(("times", "is_used_once"), [(5, True), (25, False)])
+def test_a_driver_that_repeats_the_fixes_of_a_slow_receiver(times: int, is_used_once: bool) -> None:
+    """GIVEN a driver that publishes each fix of a slow receiver several times, with new stamps and without velocities
+    THEN it is not stuck; copies of fixes of one hertz are left out, and the pose is as good as without them."""
     held: list[GnssFix] = []
 
     def hold(fix: GnssFix, number: int) -> GnssFix:
-        if number % 5 == 0:
+        if number % times == 0:
             held[:] = [fix]
         return replace(held[0], stamp_ns=fix.stamp_ns)
 
-    told = tell(flight(), Rewrite(GnssFix, change=hold), Stop(GnssVelocity, 0.0, 1e3))
-    assert told.count("gnss.rejected.stuck") == 0
-    assert told.modes_between(30.0, 120.0) == {Mode.AIDED}
+    no_velocity = Stop(GnssVelocity, 0.0, 1e3)
+    told = tell(flight(), Rewrite(GnssFix, change=hold), no_velocity)
+    assert len(told.when("gnss.stuck")) + told.count("gnss.rejected.stuck") == 0
+    if is_used_once:
+        assert told.count("gnss.rejected.copy") > 400
+        assert told.modes_between(30.0, 120.0) == {Mode.AIDED}
+        first = Rewrite(GnssFix, change=lambda fix, number: None if number % times else fix)
+        assert rms(told)[0] < 1.1 * rms(tell(flight(), first, no_velocity))[0]
 
 
 def field(change: Callable[[np.ndarray], np.ndarray]) -> Rewrite:

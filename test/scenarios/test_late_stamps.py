@@ -39,6 +39,15 @@ def test_stamps_that_are_late_are_told_with_the_amount_and_covered(late: float) 
     assert told.off[after].max() > 2.0
 
 
+def test_a_latency_beyond_those_that_are_tried_is_told_as_a_least_one() -> None:
+    """GIVEN stamps late by 1 s, more than is tried THEN the advice does not end at 0.6 s, and sigma covers it."""
+    told = fly(1.0)
+    assert "0.6 s or more: set gnss.delay to 0.6 and fly again" in told.event("gnss.delayed").text
+    assert "or more" not in fly(0.4).event("gnss.delayed").text
+    after = told.t > told.when("gnss.delayed")[0] + 1.0
+    assert np.mean(told.off[after] < 2.0 * told.sigma[after]) > 0.97
+
+
 @pytest.mark.parametrize("late", [0.0, 0.4])
 def test_what_is_set_is_not_told(late: float) -> None:
     """GIVEN the right ``gnss.delay`` THEN nothing is said of it."""

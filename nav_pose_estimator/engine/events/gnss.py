@@ -33,6 +33,11 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "power-cycle the receiver; check what repeats its messages",
         ),
         Entry(
+            "gnss.rejected.copy",
+            "an old fix with a new stamp: a driver repeats each fix of a slow receiver; the first one is used",
+            "let the driver publish each fix once, with the time at which it is valid",
+        ),
+        Entry(
             "gnss.rejected.axes",
             "positions whose latitude and longitude are exchanged, inverted or in radians",
             "see gnss.position.axes",

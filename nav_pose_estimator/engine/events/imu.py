@@ -6,8 +6,9 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
     "IMU": (
         Entry(
             "imu.gap",
-            "no IMU data for longer than imu.max_gap: the navigator continues from its last state, or aligns again",
-            "find out why the IMU stopped, or whether its clock was set ahead",
+            "no IMU data for longer than imu.max_gap, or refused ones of a clock set back: the navigator continues "
+            "from its last state, or aligns again",
+            "find out why the IMU stopped, or whether its clock was set ahead or back: " + CLOCKS,
         ),
         Entry(
             "imu.clock_jump", "the IMU's stamps went back: aligning again", "a looping bag does this; else " + CLOCKS
@@ -31,7 +32,12 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "the message has no rate or no acceleration",
             "use the raw topic; have the driver combine gyroscope and accelerometer",
         ),
-        Entry("imu.rejected.backward", "a stamp older than the previous one", SENSOR),
+        Entry(
+            "imu.rejected.backward",
+            "a stamp older than the previous one",
+            "a few are harmless; with many, stamps jitter or samples come out of order: let the driver stamp with the "
+            "sensor's time, and publish in order",
+        ),
         Entry(
             "imu.rejected.duplicate",
             "two samples with the same stamp",

@@ -64,10 +64,10 @@ class ImuInput:
             and accel != memory.accel
             and not memory.stuck
             and not memory.saturated
+            and not memory.elsewhere_run
         ):
             return False
         memory.last_ns = memory.gyro_since_ns = memory.accel_since_ns = stamp
-        memory.elsewhere_run = 0
         memory.gyro, memory.accel = gyro, accel
         return True
 
@@ -115,7 +115,7 @@ class ImuInput:
         """``_quiet_since`` in one compiled pass, for blocks in which no sensor repeats a sample, the usual case."""
         memory, limits = self._rules.memory, self._limits
         stamps, gyro, accel = block.stamps_ns, block.gyro, block.accel
-        if memory.stuck or memory.saturated or not len(stamps) or stamps[0] <= 0:
+        if memory.stuck or memory.saturated or memory.elsewhere_run or not len(stamps) or stamps[0] <= 0:
             return False
         last_ns = int(stamps[0]) - 1 if memory.last_ns is None else memory.last_ns
         bounds = (limits.max_rate, limits.max_force, CLIPPED_RATE, CLIPPED_FORCE)
@@ -124,7 +124,7 @@ class ImuInput:
     def _quiet_since(self, block: ImuBlock) -> tuple[int, int] | None:
         """Times [ns] since which gyroscope and accelerometer repeat their last value; None where a rule may apply."""
         memory, stamps, gyro, accel = self._rules.memory, block.stamps_ns, block.gyro, block.accel
-        if memory.stuck or memory.saturated or stamps[0] <= 0:
+        if memory.stuck or memory.saturated or memory.elsewhere_run or stamps[0] <= 0:
             return None
         if memory.last_ns is not None and not 0 < stamps[0] - memory.last_ns <= self._rules.max_gap_ns:
             return None

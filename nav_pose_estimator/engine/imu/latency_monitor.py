@@ -50,6 +50,11 @@ class LatencyMonitor:
         """Whether a latency is established or was lately; noise can hide it for some windows."""
         return self._remains > 0
 
+    @property
+    def is_least(self) -> bool:
+        """Whether ``delay`` is the largest one that is tried, so that the true one may be larger."""
+        return abs(self.delay) >= float(SHIFTS[-1])
+
     def forget_time(self) -> None:
         """The navigator starts again: forget the windows, keep a latency that is probable."""
         if not self.is_probable:

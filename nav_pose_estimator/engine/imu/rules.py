@@ -21,6 +21,9 @@ SATURATED_END = "imu.saturated.ended"
 _OTHER_RATE, _OTHER_FORCE = 0.2, 2.0  # rad/s, m/s^2: samples with equal stamps that differ by more are of two IMUs
 _GAP_RUN = 2  # consecutive samples after a jump forward that make it a gap; a single one has a damaged stamp
 _BACKWARD_RUN = 3  # consecutive samples after a jump back that make it a change of the clock
+_LOST_RUN, _LOST_NS = 10, 50_000_000
+"""Samples in a row, and their duration, that were refused as too old because the clock was set back: lost motion."""
+_MANY = 100  # refusals that are no longer harmless
 _CLIPPED_RUN = 3  # consecutive equal values of one axis, beyond the limits below, that mean saturation
 CLIPPED_RATE = 4.3
 """rad/s: just below the smallest usual range of a gyroscope (250 deg/s)."""
@@ -38,6 +41,7 @@ class ImuMemory:
     last_ns: int | None = None
     elsewhere_ns: int = 0  # last stamp of a run of samples that does not continue ``last_ns``
     elsewhere_run: int = 0  # length of that run
+    elsewhere_since_ns: int = 0  # its first stamp
     gyro: Vector3 = (math.nan,) * 3  # last accepted values, as published
     accel: Vector3 = (math.nan,) * 3
     gyro_since_ns: int = 0  # time since which the gyroscope repeats ``gyro``
@@ -102,11 +106,21 @@ class ImuRules:
         last = self.memory.last_ns
         if stamp <= 0:
             return self._event(stamp, "imu.rejected.zero_stamp", "an IMU sample came without a time stamp; not used")
-        if last is None or 0 < stamp - last <= self.max_gap_ns:
+        if last is None:
             return None
+        if 0 < stamp - last <= self.max_gap_ns:
+            return self._lost_motion(sample, last) if self.memory.elsewhere_run >= _LOST_RUN else None
         if stamp == last:
             return self._duplicate(sample)
         return self._elsewhere(sample, last)
+
+    def _lost_motion(self, sample: ImuSample, last: int) -> Event | None:
+        """A gap where a clock set back by less than ``max_gap`` has come to ``last`` again: time passed meanwhile."""
+        lost, stamp = sample.stamp_ns - self.memory.elsewhere_since_ns, sample.stamp_ns
+        if self.memory.elsewhere_ns >= last or lost < _LOST_NS:
+            return None
+        text = f"the IMU's clock went back by {lost * _NS:.3f} s, and the motion of that time is lost"
+        return self._event(stamp, GAP, text, gap_s=lost * _NS)
 
     def _duplicate(self, sample: ImuSample) -> Event:
         """Rejection of a second sample with the same stamp, with a hint where the two differ by more than noise."""
@@ -135,6 +149,7 @@ class ImuRules:
         memory, stamp = self.memory, sample.stamp_ns
         follows = memory.elsewhere_run and 0 < stamp - memory.elsewhere_ns <= self.max_gap_ns
         memory.elsewhere_run = memory.elsewhere_run + 1 if follows else 1
+        memory.elsewhere_since_ns = memory.elsewhere_since_ns if follows else stamp
         memory.elsewhere_ns = stamp
         seconds = abs(stamp - last) * _NS
         if stamp > last and memory.elsewhere_run >= _GAP_RUN:
@@ -146,6 +161,8 @@ class ImuRules:
             text = f"the IMU's clock went back by {seconds:.3f} s; starting again"
             return self._event(stamp, CLOCK_JUMP, text, back_s=seconds)
         text = f"an IMU sample is {seconds:.4f} s older than the one before it; not used"
+        if self._seen["imu.rejected.backward"] + 1 >= _MANY:
+            text += f", like {self._seen['imu.rejected.backward']} before: stamps that jitter, or samples out of order"
         return self._event(stamp, "imu.rejected.backward", text)
 
     # --- warnings --------------------------------------------------------------------------------------------------

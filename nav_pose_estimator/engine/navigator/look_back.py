@@ -202,7 +202,8 @@ def _look_at_imu(run: FilterRun, t: float, end: float) -> None:
         is_noisy = run.gnss.reception.velocity_scatter.is_on  # what the last velocities before that showed was noise
         is_contradicted = agreement.is_contradicted and not is_noisy
         monitors.other_motion.second(is_contradicted, agreement.apart, agreement.share, stamp_ns)
-        monitors.latency.found(0.0 if is_noisy else motion.latency.delay, run.parameters.gnss.delay, stamp_ns)
+        delay, is_least = 0.0 if is_noisy else motion.latency.delay, motion.latency.is_least
+        monitors.latency.found(delay, run.parameters.gnss.delay, stamp_ns, is_least)
     if run.imu_physics.heading.error and run.timeline.running:
         _turn_heading(run, stamp_ns)
     if run.timeline.running and _shown_by(run.imu_physics) != before:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -238,6 +239,8 @@ def _after(engine: SinsEngine, event: Event) -> FilterRun:
     if saved is None or not saved.is_possible:
         is_short = saved is None and event.data["gap_s"] < LONGEST
         return _afresh(engine, event.stamp_ns, event.text, before.start_up.known_biases if is_short else None)
+    began_ns = event.stamp_ns - round(event.data["gap_s"] / NS)  # by the present clock, which may have been set back
+    saved = replace(saved, stamp_ns=min(saved.stamp_ns, began_ns))
     gap = (event.stamp_ns - saved.stamp_ns) * NS
     if gap > LONGEST:
         text = f"no IMU data for {gap:.0f} s, so the vehicle's position is unknown without GNSS"

@@ -29,6 +29,7 @@ FAR = 2_500.0
 _NEAR = 1_200.0  # m: difference that weather and geoid may cause
 _ANY_LAKE = 5e3  # m: initial standard deviation of the height of the water surface
 _OF_A_FIX = 0.5  # fraction of the standard deviation of a fix that does not average out
+_HIGH = 3000.0  # m: above this height a pressure in another unit is less likely than an altitude
 _THIN, _DEEPEST = 50_000.0, 1.2e8  # Pa: range of valid absolute pressures, from a mountain lake to below any sea bed
 _UNITS = {"hPa": 100.0, "kPa": 1e3, "bar": 1e5, "mmHg": 133.322, "inHg": 3386.39, "psi": 6894.76}  # Pa
 VAGUE = 20.0
@@ -102,6 +103,8 @@ class Barometer(Aid):
         if not is_valid:
             unit = likely_unit(sample.pressure)
             guess = f"looks like {unit}" if unit else "which it cannot be: the driver may not fill it"
+            if unit and standard_height(sample.pressure * _UNITS[unit]) > _HIGH:
+                guess += ", or a height in metres"
             return self._refuse_unit(sample.stamp_ns, sample.pressure, guess)
         return Observation(t, sample.stamp_ns, self.kind, height)
 

@@ -110,6 +110,8 @@ class _Builder:
         elif self._keys[-1] is None:
             if isinstance(value, (dict, list)):
                 raise ParameterError(f"has a key that is not a name in line {line}")
+            if str(value) in self._open[-1]:
+                raise ParameterError(f"has {str(value)!r} a second time in line {line}")
             self._keys[-1] = str(value)
         else:
             self._open[-1][self._keys[-1]] = value

@@ -40,6 +40,9 @@ _STUCK = 4  # consecutive repetitions of a position after which the receiver may
 _WEATHER = 0.02  # m/s: change of the barometric height by weather and warming up, which is no evidence
 _CLIMBED = 4.0  # m: change of the barometric height at which a receiver's static hold should have ended
 _HELD = 3.0  # s over which it must repeat: some drivers publish each fix of a slow receiver several times
+_ALIKE = 1.25  # ratio of the times over which copies of a slow receiver's fixes repeat
+_SLOWEST = 3.0  # s: longest such time
+_LONGER = 1.5  # than a driver has repeated each fix of a slow receiver
 _LEFT = 4.0  # m: displacement of the navigator beyond which a position that repeats is stuck, without velocities
 CELLS = 2.0
 """Steps of the grid of rounded positions by which the vehicle must have moved, for a repeated position to be stuck."""
@@ -53,7 +56,8 @@ _HEIGHT = 8  # m: pressure altitude then, which follows the weather
 _HEIGHT_T, _ZEROS = 9, 10  # s: last height; heights of zero so far (none once the field is filled)
 _VERDICT = 11  # on the height
 _SINCE = 12  # s: when the position came for the first time
-_SIZE = 13
+_HOLDS = 13  # (2) s: how long the last two positions repeated, zero where they did not
+_SIZE = 15
 
 
 class Rounding:
@@ -135,6 +139,7 @@ class Repeats:
         self._state = np.full(_SIZE, math.nan)
         self._state[_T] = self._state[_HEIGHT_T] = -math.inf
         self._state[_REPEATS] = self._state[_STAYS] = self._state[_ZEROS] = 0.0
+        self._state[_HOLDS:_SIZE] = 0.0
         self._state[_VERDICT] = LIVE
         self._verdict = LIVE  # on the height
         self.is_new = True
@@ -148,13 +153,22 @@ class Repeats:
         """Latitude, longitude [rad] and height [m] (3,) of the last fix."""
         return self._state[_PLACE : _PLACE + 3]
 
+    @property
+    def is_copy(self) -> bool:
+        """Whether the last fix is an old one with a new stamp: the two before it repeated as well, for as long."""
+        short, long = sorted(self._state[_HOLDS:_SIZE].tolist())
+        lasts = float(self._state[_T] - self._state[_SINCE])
+        return not self.is_new and lasts <= _ALIKE * short and 0.0 < long <= min(_ALIKE * short, _SLOWEST)
+
     def count(self, t: float, velocities: VelocityInput) -> int:
         """How often latitude and longitude have repeated, for a while; 0 where velocities show whether that is right.
 
-        They do not at ``t`` [s] if they are exactly zero, as of a receiver that holds its position.
+        They do not at ``t`` [s] if they are exactly zero, as of a receiver that holds its position. Where a driver has
+        repeated the fixes of a slow receiver, it must take longer than that.
         """
         shows = velocities.is_fresh(t) and not velocities.is_zero
-        lasts = self._state[_STAYS] >= _STUCK and self._state[_T] - self._state[_SINCE] >= _HELD
+        needed = max(_HELD, _LONGER * float(self._state[_HOLDS:_SIZE].min()))
+        lasts = self._state[_STAYS] >= _STUCK and self._state[_T] - self._state[_SINCE] >= needed
         return int(self._state[_STAYS]) if lasts and not shows else 0
 
     def find_stuck(self, moved: float, step: float) -> bool:
@@ -212,6 +226,9 @@ def _take_place(state, frozen, t, place, others):
     integral_east, integral_north, altitude, is_zero, repeated = others
     stays = place[0] == state[_PLACE] and place[1] == state[_PLACE + 1]
     repeats = stays and place[2] == state[_PLACE + 2]
+    if not stays:
+        state[_HOLDS] = state[_HOLDS + 1]
+        state[_HOLDS + 1] = state[_T] - state[_SINCE] if state[_STAYS] > 0.0 else 0.0
     state[_STAYS] = state[_STAYS] + 1.0 if stays else 0.0
     state[_REPEATS] = state[_REPEATS] + 1.0 if repeats else 0.0
     for axis in range(3):

@@ -70,7 +70,7 @@ class GnssReception:
 
     def fix(self, sample: GnssFix, t: float, now: float) -> bool:
         """Assess a fix valid at ``t`` [s] that arrives ``now`` [s]; True where it may be used."""
-        self._usable = False
+        was_usable, self._usable = self._usable, False
         if sample.status < 0:
             return self.refuse(sample.stamp_ns, "gnss.rejected.status", "the receiver has no fix")
         if not is_position(sample.lat, sample.lon, 0.0 if math.isnan(sample.alt) else sample.alt):
@@ -82,6 +82,10 @@ class GnssReception:
             return self.refuse(sample.stamp_ns, "gnss.rejected.null_island", why)
         moved = self.repeats.note(sample, t, self.velocities)
         self.rounding.fix(sample.lat, sample.lon, _MOVED < moved < math.inf, sample.stamp_ns)
+        if self.repeats.is_copy and not self.rounding.is_on:
+            self._usable = was_usable
+            self._journal.count("gnss.rejected.copy")
+            return False
         if moved > max(_MOVED, CELLS * self.rounding.step):
             why = "the position repeats to the last digit while the vehicle moves: the receiver is stuck"
             return self.refuse(sample.stamp_ns, "gnss.rejected.stuck", why)
