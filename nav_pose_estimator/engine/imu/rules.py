@@ -161,8 +161,9 @@ class ImuRules:
             text = f"the IMU's clock went back by {seconds:.3f} s; starting again"
             return self._event(stamp, CLOCK_JUMP, text, back_s=seconds)
         text = f"an IMU sample is {seconds:.4f} s older than the one before it; not used"
-        if self.memory.seen.get("imu.rejected.backward", 0) + 1 >= _MANY:
-            text += f", like {self._seen['imu.rejected.backward']} before: stamps that jitter, or samples out of order"
+        before = memory.seen.get("imu.rejected.backward", 0)
+        if before + 1 >= _MANY:
+            text += f", like {before} before: stamps that jitter, or samples out of order"
         return self._event(stamp, "imu.rejected.backward", text)
 
     # --- warnings --------------------------------------------------------------------------------------------------
