@@ -6,6 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.engine.navigator.filter_run import state_of
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, Sample
 from nav_pose_estimator.sim.recording import Recording
 from told import Told, flight, silence, tell
@@ -66,6 +68,20 @@ def test_the_uncertain_latency_is_covered_from_the_start(vehicle: str) -> None:
     way, which they do not where the stamps are said to be right."""
     assert share_beyond(fly(0.4, vehicle), 3.0) == 0.0
     assert share_beyond(fly(0.4, vehicle, gnss__delay_sd=0.0), 3.0) > 0.05
+
+
+def test_the_uncertain_latency_is_saved_for_a_restart() -> None:
+    """GIVEN a fast vehicle in an outage WHEN its state is saved THEN with the variances that are published, which a
+    restart would else forget; with a known latency nothing is added."""
+    lost = silence(70.0, SECONDS)
+    for delay_sd, is_larger in ((0.2, True), (0.0, False)):
+        told = tell(flight("fixed_wing", SECONDS), *lost, learner__enabled=False, gnss__delay_sd=delay_sd)
+        run = told.estimator.sins.run
+        saved = state_of(run)
+        assert saved is not None
+        variances, own = saved.cov.diagonal()[at.DPOS : at.DPOS + 3], run.settled.P.diagonal()[at.DPOS : at.DPOS + 3]
+        assert variances == pytest.approx(told.variances[-1], rel=0.02)
+        assert (variances[:2].sum() > 1.2 * own[:2].sum()) == is_larger
 
 
 def test_an_uncertain_latency_moves_nothing() -> None:

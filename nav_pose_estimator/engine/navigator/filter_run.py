@@ -279,7 +279,7 @@ def state_of(run: FilterRun) -> SavedState | None:
         q_nb=tuple(nav[at.QUAT : at.GYRO_BIAS].tolist()),
         gyro_bias=tuple(nav[at.GYRO_BIAS : at.ACCEL_BIAS].tolist()),
         accel_bias=tuple(nav[at.ACCEL_BIAS : at.ACCEL_BIAS + 3].tolist()),
-        cov=whole.P[base, base].copy(),
+        cov=_with_latency(whole.P[base, base], nav, whole.constants),
         unaided=max(t - run.aiding.fix_used, 0.0),
         correction_enu=(east, north, up),
         resets=run.gnss.position.resets,
@@ -324,6 +324,13 @@ def take_over(run: FilterRun, before: FilterRun) -> None:
     run.gnss.reception.velocities = before.gnss.reception.velocities
     run.gnss.reception.velocities.forget_time()
     run.gnss.reception.velocity_scatter = before.gnss.reception.velocity_scatter
+
+
+def _with_latency(P: np.ndarray, nav: np.ndarray, constants: np.ndarray) -> np.ndarray:
+    """Covariance (15, 15) of a state whose position is displaced by the unknown latency of GNSS, which is not saved."""
+    cov, displaced = P.copy(), constants[at.GNSS_DELAY_SD] * nav[at.GNSS_VEL : at.GNSS_VEL + 3]
+    cov[at.DPOS : at.DPOS + 3, at.DPOS : at.DPOS + 3] += np.outer(displaced, displaced)
+    return cov
 
 
 def resumed(saved: SavedState, before: FilterRun, stamp_ns: int, why: str = "") -> FilterRun:
