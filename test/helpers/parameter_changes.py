@@ -114,7 +114,6 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
         "alignment.mag_heading_sd": 0.7,
         "alignment.mag_trust": 0.0,
         "navigator.covariance_period": 0.08,
-        "navigator.memory": 0.15,
         "navigator.gyro_matrix_states": False,
         "navigator.gyro_matrix_sd": 0.02,
         "navigator.gravity_states": True,
@@ -143,6 +142,7 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
         "aids.zero_velocity_sd": 0.1,
     },
     "late": {
+        "navigator.memory": 0.15,
         "gnss.gate.max_age": 0.05,
     },
     "jolt": {
