@@ -45,10 +45,8 @@ _UNITS = {"in feet": _FEET, "in cm": 100.0, "in mm": 1000.0, "positive down": -1
 _T, _UP, _ALT = 0, 1, 2  # s, m/s, m: last height; the time is NaN while there is no climb
 _BEGIN, _START, _BARO_START = 3, 4, 5  # s, m, m: its beginning, by heights and by the barometer (NaN without one)
 _INTEGRAL = 6  # m: integral of the vertical velocities
-_VERDICT, _RATIO = (
-    7,
-    8,
-)  # of the last climb: index in ``_VERDICTS``; height change over the barometer's, or over the integral
+_VERDICT = 7  # on the last climb: index in ``_VERDICTS``
+_RATIO = 8  # of its height change to the barometer's, or to the integral without one
 _SIZE = 9
 ENDED, FAR = 1, 2
 """Results of ``take_height``, to be added: a climb has ended; the height is far from the barometer's."""

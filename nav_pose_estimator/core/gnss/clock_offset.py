@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from nav_pose_estimator.core.earth.gps_time import LEAP_SECONDS
+
 _DAY = 86_400.0  # s
 _YEAR = 365.25 * _DAY
 _WEEK_ROLLOVER = 1024 * 7 * _DAY
-_LEAP_SECONDS = (16.0, 17.0, 18.0)  # GPS time minus UTC: since July 2012, July 2015, 2017
+_LEAP_SECONDS = [seconds for _, seconds in LEAP_SECONDS[1:]]  # since 2012: GPS minus UTC [s]
 _LATENCY = 0.7  # s: tolerance of an offset, because the latency of the messages is contained in it
 _BOOT = 10.0 * _YEAR  # earlier stamps count from the boot of a board and not from 1970
 

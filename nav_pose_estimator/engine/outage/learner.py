@@ -47,9 +47,8 @@ class LearnerState:
     next_s: float = 0.0  # time of the next training [s]
     result: TrainingResult | None = None  # a finished training that has not taken effect yet
     look_s: float = 0.0  # time of the next classification of the vehicle [s]
-    class_figures: dict[str, float] = field(
-        default_factory=dict
-    )  # probabilities of the vehicle's class, for diagnostics
+    # probabilities of the vehicle's class, for diagnostics
+    class_figures: dict[str, float] = field(default_factory=dict)
     shown_class: str = ""  # class shown by the flight, where it contradicts the one known beforehand
 
 

@@ -34,6 +34,10 @@ _DOUBT = (
     "temperature, a shock, or with the force), or the stamps of GNSS are late; attitude and heading are uncertain "
     "until they fit"
 )
+_COMPASS = (
+    "gyroscope and magnetometer turn differently: signs or axes of one of them are wrong; the heading is uncertain "
+    "until GNSS shows which"
+)
 _AGAIN = "the navigator started again, so the gyroscope's scale has to be found again: until then it is in doubt"
 
 
@@ -71,7 +75,7 @@ class GyroWatch:
         """Whether the filter's own estimate is the reason."""
         self._is_wide = self._was_wide = False  # whether the filter's prior is released, and was before its restart
         self._suspected = False  # whether other signs or axes have been, since the doubt began
-        self._told = False  # that the magnetometer contradicts it
+        self._is_compass_reported = False
         self._rough = 0
         self._calm = self._moved = 0  # s in which GNSS has agreed with the filter, and those of manoeuvres
         self._bias = np.zeros(3)  # before the doubt
@@ -110,13 +114,9 @@ class GyroWatch:
             self.compass_reason = ""
         elif not self.compass_reason:
             self.compass_reason = "gyroscope and magnetometer turn differently: the heading is uncertain"
-            text = (
-                "gyroscope and magnetometer turn differently: signs or axes of one of them are wrong; the heading is "
-                "uncertain until GNSS shows which"
-            )
-            if not self._told:
-                journal.say(stamp_ns, "imu.gyroscope.compass", Level.WARN, text)
-            self._told = True
+            if not self._is_compass_reported:
+                journal.say(stamp_ns, "imu.gyroscope.compass", Level.WARN, _COMPASS)
+            self._is_compass_reported = True
 
     def _settle(self, seen: Second, journal: Journal, stamp_ns: int) -> None:
         """End the doubt when GNSS has agreed with the filter for a while, and the estimate is one of scale factors."""
